@@ -8,7 +8,7 @@ the second.
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from calib.vision.boards.board import (
 from calib.vision.boards.board_map import BoardMap
 from calib.vision.boards.finding import turns_of
 from calib.vision.camera.edges import read_grey
+from calib.vision.camera.rendering import GreyImage
 
 _ACROSS = np.array([0.06, 0.17, 0.33, 0.5, 0.67, 0.83, 0.94])
 """Places across a cell of the lattice, and down, at which grey levels are read. The second one is
@@ -60,7 +61,7 @@ neither ink nor light makes."""
 
 
 def disagreement(
-    grey: NDArray[np.float32],
+    grey: GreyImage,
     board: GridBoard,
     board_map: BoardMap,
     seen: FloatArray,
@@ -89,7 +90,7 @@ def disagreement(
 
 
 def _size_of_misfit(
-    grey: NDArray[np.float32],
+    grey: GreyImage,
     board: GridBoard,
     board_map: BoardMap,
     seen: FloatArray,
@@ -113,32 +114,57 @@ def _size_of_misfit(
         return ""
     own = np.s_[1:-1, 1:-1]
     fine = (board.rows, board.columns, len(_ACROSS), len(_ACROSS))
+    # the gap of a grid is white, and in Kalibr's the squares of the row before are in it
+    edge = np.s_[1:_AT_EDGE] if isinstance(board, MarkerGrid) else np.s_[:_AT_EDGE]
     for turn in range(4):  # rows from above, columns from the right, rows from below ...
-        rows = zip(
-            np.rot90(np.rot90(readable[own].reshape(fine), turn), turn, axes=(2, 3)),
-            np.rot90(np.rot90(at[own].reshape(fine), turn), turn, axes=(2, 3)),
-            np.rot90(np.rot90(black[own].reshape(fine), turn), turn, axes=(2, 3)),
-            strict=True,
-        )
-        # the gap of a grid is white, and in Kalibr's the squares of the row before are in it
-        edge = np.s_[1:_AT_EDGE] if isinstance(board, MarkerGrid) else np.s_[:_AT_EDGE]
-        if any(_ends(before, row, edge) for before, row in pairwise(rows)):
-            return "smaller"
+        rows = _Rows(readable[own], at[own], black[own]).turned(turn, fine)
+        for row in np.flatnonzero(_may_end(rows, edge)).tolist():
+            if _ends(rows.of(row), rows.of(row + 1), edge):
+                return "smaller"
     return ""
 
 
-_Row = tuple[BoolArray, FloatArray, FloatArray]
-"""Places in cells of a row ``(C, samples, samples)``: can they be judged, their grey levels, and
-what would be black."""
+class _Rows(NamedTuple):
+    """Places in cells ``(rows, columns, samples, samples)``."""
+
+    readable: BoolArray  # they can be judged
+    at: FloatArray  # their grey levels
+    black: FloatArray  # 1 for what would be black, NaN for what is not known
+
+    def of(self, row: int) -> _Rows:
+        """Return those of one row ``(columns, samples, samples)``."""
+        return _Rows(self.readable[row], self.at[row], self.black[row])
+
+    def turned(self, turn: int, shape: tuple[int, int, int, int]) -> _Rows:
+        """Return them by quarter turns, of cells and in each cell."""
+        readable, at, black = (
+            np.rot90(np.rot90(np.reshape(each, shape), turn), turn, axes=(2, 3)) for each in self
+        )
+        return _Rows(np.asarray(readable, dtype=bool), np.asarray(at), np.asarray(black))
 
 
-def _ends(before: _Row, row: _Row, edge: slice) -> bool:
+def _may_end(rows: _Rows, edge: slice) -> BoolArray:
+    """Return the rows ``(rows - 1,)`` after which black is light: most boards have none."""
+    readable, at, black = rows
+    usable = np.asarray(readable.all(axis=(2, 3)))[..., None, None]
+    dark, light = (
+        (at * where).sum(axis=(1, 2, 3)) / np.maximum(where.sum(axis=(1, 2, 3)), 1)
+        for where in (usable & (black == ink) for ink in (1.0, 0.0))
+    )
+    begins = readable[:, :, edge] & (black[:, :, edge] == 1.0)
+    there = (at[:, :, edge] * begins).sum(axis=(1, 2, 3)) / np.maximum(
+        begins.sum(axis=(1, 2, 3)), 1
+    )
+    return np.asarray(there[1:] > dark[:-1] + _PAPER * (light - dark)[:-1])
+
+
+def _ends(before: _Rows, row: _Rows, edge: slice) -> bool:
     """Return True if a row shows its pattern, and the next one white where that begins."""
-    usable = before[0].all(axis=(1, 2)) & row[0][:, edge].all(axis=(1, 2))
-    at, black = (each[usable, edge] for each in row[1:])
+    usable = before.readable.all(axis=(1, 2)) & row.readable[:, edge].all(axis=(1, 2))
+    at, black = row.at[usable, edge], row.black[usable, edge]
     if usable.mean() < _MOST_OF_ROW or (black == 1.0).any(axis=(1, 2)).sum() < 2:
         return False
-    beside, pattern = (each[usable] for each in before[1:])
+    beside, pattern = before.at[usable], before.black[usable]
     if not ((pattern == 1.0).any() and (pattern == 0.0).any()):
         return False
     dark, light = (float(np.median(beside[pattern == ink])) for ink in (1.0, 0.0))
@@ -151,7 +177,7 @@ def _ends(before: _Row, row: _Row, edge: slice) -> bool:
 
 
 def _shows_others(
-    grey: NDArray[np.float32],
+    grey: GreyImage,
     board: MarkerBoard,
     board_map: BoardMap,
     seen: FloatArray,
@@ -192,7 +218,7 @@ which share of others there may not be. The bits of two markers are correlated b
 
 
 def _squares_between(
-    grey: NDArray[np.float32], board: MarkerGrid, board_map: BoardMap, seen: FloatArray
+    grey: GreyImage, board: MarkerGrid, board_map: BoardMap, seen: FloatArray
 ) -> float:
     """Return the share of places between four markers that are as dark as the markers' borders."""
     cells = _lattice_of(board)[0][1:-1, 1:-1]

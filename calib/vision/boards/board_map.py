@@ -167,9 +167,10 @@ def _fit_robustly(
             return None
         miss = np.linalg.norm(found(xy) - px, axis=1)
         usual = _SIGMAS * 1.2 * float(np.median(miss[inside]))
-        least = max(floor, 0.5**k * _FIRST_MISS * near_px)
-        now = miss <= max(usual if refined else floor, least)
-        if k > 2 and np.array_equal(now, inside) and least <= floor:
+        last = max(usual if refined else floor, floor)
+        now = miss <= max(last, 0.5**k * _FIRST_MISS * near_px)
+        # a closer limit leaves none of them out, either
+        if np.array_equal(now, inside) and (miss[inside] <= last).all():
             break
         inside = now
     if found is None or np.count_nonzero(inside) < 4:

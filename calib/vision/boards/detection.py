@@ -39,6 +39,7 @@ from calib.vision.boards.finding import (
     is_face_up,
     match_markers,
     points_near,
+    read_markers,
     squares_shown,
 )
 from calib.vision.boards.layouts import another_layout, side_of_markers
@@ -118,7 +119,7 @@ def sight(
     """
     found: Found | None = None
     if isinstance(board, MarkerBoard):
-        markers = find_markers(picture, board.markers, border_bits=board.border_bits)
+        markers, found, read_px = read_markers(picture, board)
         twice, many = np.unique(markers.ids, return_counts=True)
         twice = twice[(many > 1) & np.isin(twice, board.ids)]
         if len(twice) > 1:
@@ -126,14 +127,13 @@ def sight(
             message = f"{twins} are seen twice: leave one board in the picture"
             return BoardSighting.failed(board, "ambiguous", message)
         markers = markers.those(~np.isin(markers.ids, twice))
-        found = match_markers(board, markers, picture.shape)
         if found is not None and len(markers) - found.explained >= LEAST_UNEXPLAINED:
             said = another_layout(board, markers)
             if said:
                 return BoardSighting.failed(board, "another board", _not_the(board, said))
         if found is not None:
             side = _side_of_markers(board, markers)
-            if abs(side - 1.0) > max(SIDE_OFF, SIDE_OFF_PX / markers.side_px):
+            if abs(side - 1.0) > max(SIDE_OFF, SIDE_OFF_PX * read_px / markers.side_px):
                 said = f"markers of {side * board.marker_m / board.step_m[0]:.2f} of "
                 said += "the spacing" if isinstance(board, MarkerGrid) else "a square"
                 return BoardSighting.failed(board, "another board", _not_the(board, said))
@@ -179,49 +179,74 @@ LEAST_UNEXPLAINED = 2
 SIDE_OFF, SIDE_OFF_PX = 0.1, 3.0
 """Difference of the side of markers from the described one, in parts of it and in pixels, from
 which on a board is another. The points of a ChArUco board do not depend on it, and corners of
-markers are known to a pixel only."""
+markers are known to a pixel only, of the picture in which they were read."""
 
 
 def _measure(picture: GreyImage, found: Found) -> BoardSighting | None:
-    grey = picture.astype(np.float32)
     board, which, board_map = found.board, found.which, found.board_map
     xy = board.points[which, :2]
     area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
     near_px = float(board.cell_m * np.sqrt(np.median(area)))
-    measured = refine(grey, board, which, board_map, board_map(xy))
+    measured = refine(picture, board, which, board_map, board_map(xy))
     if isinstance(board, MarkerGrid):  # before points that lie on no map are left out
         off = side_of_markers_off(board, which[measured.good], measured.px[measured.good])
         if off:
             share = (1.0 + off) * board.marker_m / board.spacing_m
             said = _not_the(board, f"markers of {share:.3f} of the spacing")
             return BoardSighting.failed(board, "another board", said)
-    for k in range(3):
-        good = measured.good
-        if k < 2 and np.count_nonzero(good) < LEAST_POINTS:
-            return _too_few(board, measured)
-        fitted = fit_map(
-            xy[good],
-            measured.px[good],
-            near_px,
-            refined=True,
-            shape=picture.shape,
-            fisheye=board_map.fisheye,
-        )
+    for _ in range(1 + GROWTH):  # points that are known to a part of a pixel say where others are
+        fitted = _fit_map(board, which, measured, board_map, near_px, picture.shape)
         if fitted is None:
             return _too_few(board, measured)
         board_map, inside = fitted
-        if k < 2:
-            if isinstance(board, MarkerBoard):
-                which = points_near(board, which[good][inside])
-                xy = board.points[which, :2]
-            measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
-    good = good.copy()
-    good[good] = inside
-    return _judged(grey, board, which, replace(measured, good=good), board_map)
+        before = which
+        if isinstance(board, MarkerBoard):
+            which = points_near(board, which[inside])
+        at = board_map(board.points[which, :2])
+        if np.isin(which, before).all():
+            break
+        measured = refine(picture, board, which, board_map, at)
+    measured = refine(picture, board, which, board_map, at, measured.sigma_px)
+    fitted = _fit_map(board, which, measured, board_map, near_px, picture.shape, least=4)
+    if fitted is None:
+        return _too_few(board, measured)
+    board_map, inside = fitted
+    return _judged(picture, board, which, replace(measured, good=inside), board_map)
+
+
+GROWTH = 2
+"""Steps that points may be away from those of the markers that were read."""
+
+
+def _fit_map(
+    board: Board,
+    which: NDArray[np.intp],
+    measured: Refined,
+    board_map: BoardMap,
+    near_px: float,
+    shape: tuple[int, ...],
+    least: int = LEAST_POINTS,
+) -> tuple[BoardMap, NDArray[np.bool_]] | None:
+    """Return the map that good points lie on, and which of all ``(K,)`` do; None of too few."""
+    good = measured.good.copy()
+    if np.count_nonzero(good) < least:
+        return None
+    fitted = fit_map(
+        board.points[which[good], :2],
+        measured.px[good],
+        near_px,
+        refined=True,
+        shape=shape,
+        fisheye=board_map.fisheye,
+    )
+    if fitted is None:
+        return None
+    good[good] = fitted[1]
+    return fitted[0], good
 
 
 def _judged(
-    grey: NDArray[np.float32],
+    picture: GreyImage,
     board: Board,
     which: NDArray[np.intp],
     measured: Refined,
@@ -242,7 +267,7 @@ def _judged(
     failed = partial(BoardSighting.failed, board, sharpness_px=width)
     dark, light = (float(np.median(each[good])) for each in (measured.dark, measured.light))
     if isinstance(board, GridBoard):
-        said = disagreement(grey, board, board_map, xy[good], (dark, light))
+        said = disagreement(picture, board, board_map, xy[good], (dark, light))
         if said:
             words = said if said == OTHER_MARKERS else _not_the(board, said)
             return failed("another board", words)

@@ -9,6 +9,7 @@ moves the middle of a circle, and edges are as straight as they are on the board
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +18,7 @@ from calib.chance import normal_below
 from calib.se3 import BoolArray, FloatArray
 from calib.vision.boards.board import Board, CircleGrid
 from calib.vision.boards.board_map import BoardMap
-from calib.vision.camera.edges import read_grey
-
-SAMPLES = 15
-"""Grey levels that are read across an edge."""
-
-ALONG = 10
-"""Lines across a straight edge."""
-
-ANGLES = 32
-"""Lines across the rim of a circle."""
+from calib.vision.camera.rendering import GreyImage
 
 LONGEST_PX = 18.0
 """Of an edge beside a corner, what is looked at: further on a lens bends it."""
@@ -50,7 +42,24 @@ LEAST_OF_ARM = 0.4
 """Contrast of an edge to each side of a corner, in parts of that of both: what hides one side
 moves the corner by a pixel, and the other side alone still looks like a step."""
 
-_STEPS = 6
+
+@dataclass(frozen=True)
+class _Reading:
+    """Numbers of the lines that are read, and of the rounds that move points by them."""
+
+    samples: int  # grey levels across an edge
+    along: int  # lines across a straight edge to each side of a corner
+    angles: int  # lines across the rim of a circle
+    reads: int  # readings, each where the one before has moved the points
+    fits: int  # steps of least squares of one reading
+
+
+_ROUGH = _Reading(samples=15, along=4, angles=16, reads=2, fits=3)
+"""Of points that are known to some pixels, with a blur that is not known."""
+
+_FINE = _Reading(samples=15, along=10, angles=32, reads=2, fits=2)
+"""Of points that are known to a part of a pixel."""
+
 _INV_SQRT_2PI = 0.3989422804014327
 
 
@@ -66,61 +75,63 @@ class Refined:
 
 
 def refine(
-    picture: NDArray[np.float32],
+    picture: GreyImage,
     board: Board,
     which: NDArray[np.intp],
     board_map: BoardMap,
     start_px: FloatArray,
     sigma_px: float | None = None,
 ) -> Refined:
-    """Points of the board to a fraction of a pixel.
+    """Measure points of a board to a fraction of a pixel.
 
     Parameters
     ----------
-    picture : ndarray (height, width) of float32
+    picture : ndarray (height, width) of uint8
     which : ndarray (K,)
         Points of the board that are looked for.
     start_px : ndarray (K, 2)
         Where they are, to a pixel or two.
     sigma_px : float, optional
-        Blur, where it is known.
+        Blur, where it is known. Without it points are measured to a tenth of a pixel only, with
+        fewer lines.
     """
     wide = WIDEST_PX if sigma_px is None else np.clip(3.0 * sigma_px + 1.0, 3.0, WIDEST_PX)
+    reading = _ROUGH if sigma_px is None else _FINE
     make = _lines_of_circles if isinstance(board, CircleGrid) else _lines_of_corners
-    lines = make(board, which, board_map, float(wide), sigma_px or FIRST_SIGMA_PX)
+    lines = make(board, which, board_map, float(wide), sigma_px or FIRST_SIGMA_PX, reading)
     px = start_px.copy()
     sigma = np.full(lines.group.max(initial=0) + 1, sigma_px or FIRST_SIGMA_PX)
     inside = np.ones(len(which), dtype=bool)
-    for k in range(_STEPS):
-        profiles, within = lines.read(picture, px)
-        inside &= within
-        # the blur is fitted once the edges are where they are looked for
-        step = _fit_steps(profiles, lines.distance, sigma[lines.group], free=k > 1)
-        if k > 1:
-            for group in range(len(sigma)):
+    for _ in range(reading.reads):
+        grey, here = lines.read(picture, px)
+        inside &= here
+        profiles, offset = lines.profiles(grey), np.zeros(lines.group.shape)
+        for k in range(reading.fits):
+            # the blur is fitted once the edges are where they are looked for
+            free = sigma_px is not None or k > 0
+            step = _fit_steps(profiles, lines.distance, offset, sigma[lines.group], free=free)
+            offset = np.clip(offset + step.offset, -WIDEST_PX / 2, WIDEST_PX / 2)
+            for group in range(len(sigma) if free else 0):
                 known = step.sound & (lines.group == group) & inside[:, None]
                 if known.any():
                     sigma[group] = np.clip(np.median(step.sigma[known]), 0.4, 6.0)
-        offset = np.clip(step.offset, -WIDEST_PX / 2, WIDEST_PX / 2)
-        moved = (lines.mover @ np.where(np.isfinite(offset), offset, 0.0)[..., None])[..., 0]
-        px += moved
-        if k > 2 and np.abs(moved).max(initial=0.0) < 2e-3:
-            break
+        px += (lines.mover @ offset[..., None])[..., 0]
     wanted = lines.wanted
     contrast = step.contrast
     usual = float(np.median(contrast[wanted & step.sound])) if (wanted & step.sound).any() else 0.0
     clear = contrast >= max(LEAST_CONTRAST, LEAST_OF_USUAL * usual)
     like = step.likeness >= LEAST_LIKENESS
-    clear &= lines.arms(picture, px) >= LEAST_OF_ARM * contrast
+    clear &= lines.arms(grey) >= LEAST_OF_ARM * contrast
     share = (clear & like & wanted).sum(axis=1) / wanted.sum(axis=1)
     good = inside & (share >= lines.share) & np.isfinite(px).all(axis=1)
     good &= np.linalg.norm(px - start_px, axis=1) < WIDEST_PX
+    count = wanted.sum(axis=1)
     return Refined(
         px,
         good,
         float(np.sqrt(np.mean(sigma**2))),
-        np.nanmean(np.where(wanted, step.base, np.nan), axis=1),
-        np.nanmean(np.where(wanted, step.base + contrast, np.nan), axis=1),
+        (step.base * wanted).sum(axis=1) / count,
+        ((step.base + contrast) * wanted).sum(axis=1) / count,
     )
 
 
@@ -128,44 +139,92 @@ def refine(
 class _Lines:
     """Lines across the edges of points, E for each."""
 
-    shift: FloatArray
-    """(K, E, A, V, 2): from the point to where grey levels are read [px]; A lines across an edge
+    shift: NDArray[np.float32]
+    """(2, K, E, A, V): from the point to where grey levels are read [px]; A lines across an edge
     are averaged."""
-    sign: FloatArray
+    sign: NDArray[np.float32]
     """(K, E, A): light is towards larger distances (1), or smaller ones (-1); 0 for no edge."""
     distance: FloatArray  # (K, E, V): across the edge [px]
     mover: FloatArray  # (K, 2, E): what an edge's offset moves the point by
     group: NDArray[np.intp]  # (K, E): edges with a blur of their own: those along x, along y
     share: float  # of the edges, how many must be seen
 
-    @property
+    @cached_property
     def wanted(self) -> BoolArray:
         """Edges that there are ``(K, E)``."""
         return np.asarray((self.sign != 0.0).any(axis=2))
 
-    def read(self, picture: NDArray[np.float32], px: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Grey levels ``(K, E, V)``, dark to light, and which points lie wholly in the picture."""
-        at = px[:, None, None, None] + self.shift
-        grey, inside = read_grey(picture, at)
-        used = self.sign != 0.0
-        whole = (inside | ~used[..., None]).all(axis=(1, 2, 3))
+    @cached_property
+    def _box(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest shift ``(K, 2)`` of each point."""
+        flat = self.shift.reshape(2, len(self.sign), -1)
+        low, high = (np.asarray(end(axis=2).T, dtype=float) for end in (flat.min, flat.max))
+        return low, high
+
+    def read(self, picture: GreyImage, px: FloatArray) -> tuple[NDArray[np.float32], BoolArray]:
+        """Return grey levels ``(K, E, A, V)``, and which points lie wholly in the picture.
+
+        Between the four pixels about each place; not by OpenCV's ``remap``, which rounds places to
+        1/32 of a pixel.
+        """
+        height, width = picture.shape
+        low, high = self._box
+        with np.errstate(invalid="ignore"):
+            within = (px + low >= 0.0) & (px + high <= [width - 1.001, height - 1.001])
+        inside: BoolArray = np.asarray(within.all(axis=1))
+        middle = np.where(inside[:, None], px, 0.0).astype(np.float32).T
+        at = self.shift + middle[..., None, None, None]
+        if not inside.all():
+            at[:, ~inside] = 0.0
+        whole = at.astype(np.int32)
+        right, down = at - whole
+        first = whole[1] * width + whole[0]
+        flat = picture.ravel()
+        above = _between(flat.take(first), flat.take(first + 1), right)
+        first += width
+        below = _between(flat.take(first), flat.take(first + 1), right)
+        below -= above
+        below *= down
+        below += above
+        return below, inside
+
+    def profiles(self, grey: NDArray[np.float32]) -> FloatArray:
+        """Return mean grey levels ``(K, E, V)`` across each edge, dark to light."""
         # edges that are light on the other side are turned in grey about their own middle, so
         # that what is the same on both sides of a corner cancels out
-        middle = grey.mean(axis=-1, keepdims=True)
-        turned = self.sign[..., None] * (grey - middle) + middle * used[..., None]
-        count = np.maximum(used.sum(axis=2), 1)
-        return np.asarray(turned.sum(axis=2) / count[..., None]), whole
+        used = self.sign != 0.0
+        turned = (self.sign[..., None, :] @ grey)[..., 0, :]
+        turned += ((used - self.sign) * grey.mean(axis=-1)).sum(axis=2)[..., None]
+        return np.asarray(turned / np.maximum(used.sum(axis=2), 1)[..., None], dtype=float)
 
-    def arms(self, picture: NDArray[np.float32], px: FloatArray) -> FloatArray:
+    def arms(self, grey: NDArray[np.float32]) -> FloatArray:
         """Contrast ``(K, E)`` of the weaker half of the lines across each edge."""
-        grey, _ = read_grey(picture, px[:, None, None, None] + self.shift)
-        third = SAMPLES // 3
+        third = grey.shape[-1] // 3
         step = grey[..., -third:].mean(axis=-1) - grey[..., :third].mean(axis=-1)
-        step *= np.sign(self.sign)
-        halves = np.stack(np.array_split(step, min(2, step.shape[2]), axis=2), axis=2)
-        used = np.stack(np.array_split(self.sign != 0.0, min(2, step.shape[2]), axis=2), axis=2)
-        means = halves.sum(axis=3) / np.maximum(used.sum(axis=3), 1)
-        return np.asarray(np.where(used.any(axis=3), means, np.inf).min(axis=2))
+        step *= self.sign
+        many = (2, step.shape[2] // 2) if step.shape[2] > 1 else (1, 1)
+        shape = (*step.shape[:2], *many)
+        used = (self.sign != 0.0).reshape(shape).sum(axis=3)
+        means = step.reshape(shape).sum(axis=3) / np.maximum(used, 1)
+        return np.asarray(np.where(used > 0, means, np.inf).min(axis=2))
+
+
+def _between(left: GreyImage, other: GreyImage, share: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return grey levels between two pixels."""
+    out = np.subtract(other, left, dtype=np.float32)
+    out *= share
+    out += left
+    return out
+
+
+def _through(at: FloatArray) -> NDArray[np.float32]:
+    """Return weights ``(..., 3)`` of a parabola through values at -1, 0 and 1, for places."""
+    square = at * at
+    weights = [(square - at) / 2, 1.0 - square, (square + at) / 2]
+    return np.stack(weights, axis=-1).astype(np.float32)
+
+
+_NODES = np.array([-1.0, 0.0, 1.0])
 
 
 def _lines_of_corners(
@@ -174,34 +233,38 @@ def _lines_of_corners(
     board_map: BoardMap,
     wide_px: float,
     sigma_px: float,
+    reading: _Reading,
 ) -> _Lines:
     xy, (long_m, clear_m) = board.points[which, :2], board.clear_m
-    here, slope = board_map(xy), board_map.slope(xy, board.cell_m / 10)
+    slope = board_map.slope(xy, board.cell_m / 10)
     dark = board.quadrants[which]
     area = np.abs(np.linalg.det(slope))
-    shifts, signs, distances, movers = [], [], [], []
+    along_px = np.linalg.norm(slope, axis=1)  # (K, 2): of a metre along x, along y
+    across_px = area[:, None] / along_px  # across the edge, of a metre along the other axis
+    reach = np.minimum(long_m, LONGEST_PX / along_px)
+    # beside the corner itself the other edge is seen
+    near = np.minimum(1.5 * sigma_px / along_px, reach / 3)
+    half = np.minimum(clear_m, wide_px / across_px)
+    # the map is close to a parabola over as little of the board as this
+    nodes = np.empty((len(xy), 2, 3, 3, 2))
     for axis in range(2):  # edges along x, then along y
-        along_px = np.linalg.norm(slope[:, :, axis], axis=1)
-        across_px = area / along_px  # across the edge, of a metre along the other axis
-        reach = np.minimum(long_m, LONGEST_PX / along_px)
-        # beside the corner itself the other edge is seen
-        near = np.minimum(1.5 * sigma_px / along_px, reach / 3)
-        places = near[:, None] + (reach - near)[:, None] * (np.arange(ALONG) + 0.5) / ALONG
-        places = np.concatenate([-places, places], axis=1)  # (K, A)
-        half = np.minimum(clear_m, wide_px / across_px)
-        across = half[:, None] * np.linspace(-1.0, 1.0, SAMPLES)  # (K, V)
-        offset = np.empty((*places.shape, SAMPLES, 2))
-        offset[..., axis] = places[:, :, None]
-        offset[..., 1 - axis] = across[:, None]
-        shifts.append(board_map(xy[:, None, None] + offset) - here[:, None, None])
-        light = dark[:, :, 0] - dark[:, :, 1] if axis == 0 else dark[:, 0] - dark[:, 1]
-        signs.append(np.repeat(light, ALONG, axis=1))
-        distances.append(across * across_px[:, None])
-        # an edge that is d px off along its normal moves the point by d over px a metre, in metres
-        movers.append(slope[:, :, 1 - axis] / across_px[:, None])
-    shift, sign, distance = (np.stack(each, axis=1) for each in (shifts, signs, distances))
+        nodes[:, axis, ..., axis] = (xy[:, axis, None] + reach[:, axis, None] * _NODES)[..., None]
+        nodes[:, axis, ..., 1 - axis] = (xy[:, 1 - axis, None] + half[:, axis, None] * _NODES)[
+            :, None
+        ]
+    there = np.moveaxis(board_map(nodes), -1, 0)
+    there = there - there[..., 1:2, 1:2]  # (2, K, E, 3, 3)
+    part = (np.arange(reading.along) + 0.5) / reading.along
+    places = (near[..., None] + (reach - near)[..., None] * part) / reach[..., None]
+    places = np.concatenate([-places, places], axis=2)  # (K, E, A)
+    across = np.linspace(-1.0, 1.0, reading.samples)
+    shift = _through(places) @ (there.astype(np.float32) @ _through(across).T)
+    light = np.stack([dark[:, :, 0] - dark[:, :, 1], dark[:, 0] - dark[:, 1]], axis=1)
+    # an edge that is d px off along its normal moves the point by d over px a metre, in metres
+    mover = slope[:, :, ::-1] / across_px[:, None]
     group = np.broadcast_to(np.arange(2), (len(xy), 2))
-    return _Lines(shift, sign, distance, np.stack(movers, axis=2), group, 1.0)
+    sign = np.repeat(light, reading.along, axis=2).astype(np.float32)
+    return _Lines(shift, sign, (half * across_px)[..., None] * across, mover, group, 1.0)
 
 
 def _lines_of_circles(
@@ -210,27 +273,32 @@ def _lines_of_circles(
     board_map: BoardMap,
     wide_px: float,
     sigma_px: float,
+    reading: _Reading,
 ) -> _Lines:
+    del sigma_px  # nothing else is seen beside a rim
     xy, radius = board.points[which, :2], board.printed[1][which, 2]
     slope = board_map.slope(xy, board.cell_m / 10)
     _, clear_m = board.clear_m
-    angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+    angle = 2 * np.pi * np.arange(reading.angles) / reading.angles
     out = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (E, 2)
     tangent = np.stack([-out[:, 1], out[:, 0]], axis=1)
     area = np.abs(np.linalg.det(slope))
     along_px = np.linalg.norm(np.einsum("kij,ej->kei", slope, tangent), axis=2)
     across_px = area[:, None] / along_px  # (K, E), of a metre outwards
     half = np.minimum(clear_m, wide_px / across_px)
-    outwards = half[..., None] * np.linspace(-1.0, 1.0, SAMPLES)  # (K, E, V)
-    places = (radius[:, None, None] + outwards)[..., None] * out[:, None]
-    shift = board_map(xy[:, None, None] + places) - board_map(xy)[:, None, None]
+    # the map is close to a parabola over as little of the board as this
+    nodes = radius[:, None, None] + half[..., None] * _NODES  # (K, E, 3)
+    there = board_map(xy[:, None, None] + nodes[..., None] * out[:, None])
+    there = np.moveaxis(there - board_map(xy)[:, None, None], -1, 0)
+    across = np.linspace(-1.0, 1.0, reading.samples)
+    shift = there.astype(np.float32) @ _through(across).T
     # the mean of cos² over a circle is one half
-    moved_m = 2.0 / ANGLES * out.T / across_px[:, None]  # (K, 2, E)
-    shape = (len(xy), ANGLES)
+    moved_m = 2.0 / reading.angles * out.T / across_px[:, None]  # (K, 2, E)
+    shape = (len(xy), reading.angles)
     return _Lines(
-        shift[:, :, None],
-        np.ones((*shape, 1)),
-        outwards * across_px[..., None],
+        shift[..., None, :],
+        np.ones((*shape, 1), dtype=np.float32),
+        (half * across_px)[..., None] * across,
         slope @ moved_m,
         np.zeros(shape, dtype=np.intp),
         0.85,
@@ -241,7 +309,7 @@ def _lines_of_circles(
 class _Steps:
     """Steps fitted to grey levels, arrays ``(K, E)``; ``sound`` where the fit can be used."""
 
-    offset: FloatArray
+    offset: FloatArray  # to be added to where the step was taken to be
     contrast: FloatArray
     base: FloatArray
     sigma: FloatArray
@@ -250,20 +318,26 @@ class _Steps:
 
 
 def _fit_steps(
-    profiles: FloatArray, distance: FloatArray, sigma: FloatArray, *, free: bool
+    profiles: FloatArray,
+    distance: FloatArray,
+    offset: FloatArray,
+    sigma: FloatArray,
+    *,
+    free: bool,
 ) -> _Steps:
-    """One step of least squares for base, contrast, offset (and blur) of steps at zero.
+    """Take one step of least squares for base, contrast, offset (and blur) of blurred steps.
 
     ``base + contrast * Phi((distance - offset) / sigma)``, linear in the first two, linearised in
     the others.
     """
-    scaled = distance / sigma[..., None]
-    step = normal_below(scaled)
-    bell = _INV_SQRT_2PI * np.exp(-0.5 * scaled * scaled) / sigma[..., None]
-    columns = [np.ones_like(step), step, -bell]
+    scaled = (distance - offset[..., None]) / sigma[..., None]
+    rows = np.empty((*scaled.shape, 4 if free else 3))
+    rows[..., 0] = 1.0
+    rows[..., 1] = step = normal_below(scaled)
+    bell = np.exp(-0.5 * scaled * scaled) * (-_INV_SQRT_2PI / sigma[..., None])
+    rows[..., 2] = bell
     if free:
-        columns.append(-bell * scaled)
-    rows = np.stack(columns, axis=-1)  # (K, E, V, 3 or 4)
+        rows[..., 3] = bell * scaled
     turned = np.swapaxes(rows, -1, -2)
     normal = turned @ rows
     size = normal.shape[-1]
@@ -273,7 +347,7 @@ def _fit_steps(
     sound = contrast > LEAST_CONTRAST / 2
     safe = np.where(sound, contrast, np.inf)
     largest = sigma * 1.5
-    offset = np.clip(found[..., 2] / safe, -largest, largest)
+    moved = np.clip(found[..., 2] / safe, -largest, largest)
     blur = sigma + np.clip(found[..., 3] / safe, -sigma / 2, sigma) if free else sigma
     centred = profiles - profiles.mean(axis=-1, keepdims=True)
     ideal = step - step.mean(axis=-1, keepdims=True)
@@ -282,7 +356,7 @@ def _fit_steps(
             (centred**2).sum(axis=-1) * (ideal**2).sum(axis=-1)
         )
     return _Steps(
-        np.where(sound, offset, 0.0),
+        np.where(sound, moved, 0.0),
         contrast,
         found[..., 0],
         blur,

@@ -51,6 +51,7 @@ _MOST_SHAPES = 2000
 _MOST_KEPT = 100
 _MOST_DEPTH = 60
 _MOST_LINES = 300
+_MOST_BEHIND = 3  # shapes behind a shape that are tried first, less one
 _MOST_GROUPS = 200  # of a pattern
 
 _PART = 1_000_000  # characters that are divided into lines at once
@@ -99,33 +100,21 @@ class Shape:
     Trees are built of a statement's own numbers and texts, its ``slots``, where they are asked for.
     """
 
-    __slots__ = (
-        "_build",
-        "_parts",
-        "_pattern",
-        "_texts",
-        "kind",
-        "named",
-        "next",
-        "notes",
-        "spans",
-        "tree",
-    )
-
     def __init__(
         self,
         tree: Tree[Token],
         spans: list[tuple[int, int]],
         pattern: str = "",
-        named: Sequence[int] = (),
+        slots: Sequence[Sequence[int]] = ((), (), ()),
     ) -> None:
         self.tree, self.spans = tree, spans
-        self.named = named  # slots that are the end of a name
+        self.numbers, self.named, self.quoted = slots
+        """numbers, named, quoted: slots that are numbers, ends of names, texts in quotes."""
         self.kind = str(tree.data)
-        self.next: Shape | None = None  # of the statement that stood behind the last one of these
+        self.behind: list[Shape] = []  # of statements that stood behind such ones, the last first
         self.notes: dict[Any, Any] = {}  # what is the same of all, by what asks for it
         self._pattern: str | re.Pattern[str] = pattern
-        self._parts: dict[Hashable, list[tuple[Node, Build | None]]] = {}
+        self._parts: dict[Find, list[tuple[Node, Build | None]]] = {}
         self._texts: dict[Find, list[Template | str | int]] = {}
         self._build: Build | None = None
 
@@ -146,12 +135,12 @@ class Shape:
         tree: Tree[Token] = self._build(slots)
         return tree
 
-    def parts(self, find: Hashable, slots: Sequence[str], nodes: Callable[[], Any]) -> list[Any]:
-        """Nodes of the tree that are found once, with the numbers and texts of a statement."""
+    def parts(self, find: Find, slots: Sequence[str]) -> list[Any]:
+        """Nodes that a function finds in the tree, with the numbers and texts of a statement."""
         parts = self._parts.get(find)
         if parts is None:
-            found = [(node, _builder(node, self.spans)) for node in nodes()]
-            parts = self._parts[find] = found
+            parts = [(node, _builder(node, self.spans)) for node in find(self.tree)]
+            self._parts[find] = parts
         return [node if build is None else build(slots) for node, build in parts]
 
     def texts(self, find: Find, slots: Sequence[str]) -> list[str]:
@@ -203,8 +192,7 @@ class Statement:
 
     def all(self, *names: str) -> list[Tree[Token]]:
         """Subtrees of these names, from the left."""
-        shape = self.shape
-        return shape.parts(names, self.slots, lambda: _named(shape.tree, names, Tree))
+        return self.shape.parts(_of_names(names), self.slots)
 
     def one(self, name: str) -> Tree[Token] | None:
         """The first subtree of this name."""
@@ -218,8 +206,12 @@ class Statement:
         """The first of them; empty for none."""
         return next(iter(self.words(name)), "")
 
+    def nodes(self, find: Find) -> list[Any]:
+        """Nodes that a function finds, which must not look at numbers and texts."""
+        return self.shape.parts(find, self.slots)
+
     def texts(self, find: Find) -> list[str]:
-        """Texts of the nodes that a function finds, which must not look at numbers and texts."""
+        """Texts of such nodes."""
         return self.shape.texts(find, self.slots)
 
     def once(self, ask: Callable[[Statement], T]) -> T:
@@ -245,6 +237,11 @@ def _named(node: Node, names: tuple[str, ...], kind: type) -> Iterator[Node]:
 @cache
 def _of_types(types: tuple[str, ...]) -> Find:
     return lambda tree: _named(tree, types, Token)
+
+
+@cache
+def _of_names(names: tuple[str, ...]) -> Find:
+    return lambda tree: _named(tree, names, Tree)
 
 
 def nodes(tree: Tree[Token], *names: str) -> Iterator[Tree[Token]]:
@@ -416,11 +413,10 @@ class Language:
             found = Statement(row, own, shape, slots)
             found._tree = same.tree
         else:
-            # most often what stood behind a statement of the form before
-            expected = last.next if last else None
-            told = expected.slots_of(own) if expected else None
-            if told is not None and expected is not None:
-                shape, slots = expected, told
+            for shape in last.behind if last else ():
+                if told := shape.slots_of(own):
+                    slots = told
+                    break
             else:
                 parsed = self._shape_of(row, own, rule)
                 if isinstance(parsed, Statement):
@@ -432,8 +428,8 @@ class Language:
                 if len(self._kept) >= _MOST_SHAPES:
                     self._kept.clear()
                 self._kept[rule, own] = found
-        if last is not None:
-            last.next = shape
+        if last is not None and (not last.behind or last.behind[0] is not shape):
+            last.behind = [shape, *(s for s in last.behind[:_MOST_BEHIND] if s is not shape)]
         self._last[rule] = shape
         return found
 
@@ -473,13 +469,18 @@ class Language:
             spans = [*zip(ends[:-1:2], ends[1::2], strict=True)]
             if len(self._shapes) >= _MOST_SHAPES:
                 self._shapes.clear()
-            named = [
-                k
-                for k, piece in enumerate(pieces[:-1:2])
-                if piece[-1:].isalpha() or piece[-1:] == "_"
-            ]
-            shape = self._shapes[key] = Shape(_named_plainly(tree), spans, pattern, named)
+            shape = Shape(_named_plainly(tree), spans, pattern, _kinds_of_slots(pieces))
+            self._shapes[key] = shape
         return shape, slots
+
+
+def _kinds_of_slots(pieces: Sequence[str]) -> list[list[int]]:
+    """Slots that are numbers, ends of names, texts in quotes."""
+    found: list[list[int]] = [[], [], []]
+    for k, (before, slot) in enumerate(zip(pieces[::2], pieces[1::2], strict=False)):
+        behind = before[-1:].isalpha() or before[-1:] == "_"
+        found[2 if slot[0] == '"' else int(behind)].append(k)
+    return found
 
 
 def _form(found: re.Match[str]) -> str:
@@ -578,15 +579,18 @@ def open_lines(
                 text = pattern.sub(lambda found: found[1] or "", text).rstrip()
             if not text:
                 continue
-            goes_on = opened > 0 and length < MOST_LENGTH and len(parts) < _MOST_LINES
-            if parts and (not goes_on or first.match(text)):
+            too_long = length >= MOST_LENGTH or len(parts) >= _MOST_LINES
+            if parts and (too_long or first.match(text)):
                 yield Line(row, " ".join(parts))
                 parts, opened, length = [], 0, 0
+            bare = in_quotes.sub("", text) if "'" in text or '"' in text else text
+            opened += sum([bare.count(pair[0]) - bare.count(pair[1]) for pair in pairs])
             row = row if parts else line.row
             parts.append(text)
             length += len(text)
-            bare = in_quotes.sub("", text) if "'" in text or '"' in text else text
-            opened += sum(bare.count(pair[0]) - bare.count(pair[1]) for pair in pairs)
+            if opened <= 0:
+                yield Line(row, " ".join(parts))
+                parts, opened, length = [], 0, 0
         if parts:
             yield Line(row, " ".join(parts))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from difflib import get_close_matches
 from functools import lru_cache, partial
 from itertools import islice
@@ -49,22 +49,49 @@ def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Ite
     )
 
 
-def by_form(
-    statements: Iterable[Statement], faults: Callable[[Statement], Iterable[Problem]]
-) -> Iterator[Problem]:
-    """Problems of statements; where one has none, others of its form are not asked for theirs.
+class Judged:
+    """Statements with nothing wrong, by which others are known to have nothing wrong.
 
-    ``faults`` must not look at numbers and texts.
+    That holds for rules that ask of each number whether it lies between two others, and nothing of
+    texts in quotes: what lies between numbers that are right is right. Names are the same, number
+    for number.
     """
-    clean: set[Any] = set()
-    for s in statements:
-        form = s.form
-        if form not in clean:
-            found = [*faults(s)]
-            if found:
+
+    def __init__(self) -> None:
+        self._ranges: dict[Hashable, list[tuple[int, float, float]]] = {}
+
+    def knows(self, s: Statement) -> bool:
+        """Whether such a statement has nothing wrong."""
+        shape, slots = s.shape, s.slots
+        key = (shape, *[slots[k] for k in shape.named]) if shape.named else shape
+        for k, least, most in self._ranges.get(key, _NEVER):
+            text = slots[k]
+            if len(text) > _MOST_DIGITS or not least <= float(text) <= most:
+                return False
+        return key in self._ranges
+
+    def add(self, s: Statement) -> None:
+        """Take a statement with nothing wrong."""
+        shape, slots = s.shape, s.slots
+        key = (shape, *[slots[k] for k in shape.named]) if shape.named else shape
+        own = [(k, float(slots[k]), float(slots[k])) for k in shape.numbers]
+        both = zip(own, self._ranges.get(key, own), strict=True)
+        self._ranges[key] = [(k, min(x, a), max(x, b)) for (k, x, _), (_, a, b) in both]
+
+    def each(
+        self, statements: Iterable[Statement], faults: Callable[[Statement], Iterable[Problem]]
+    ) -> Iterator[Problem]:
+        """Problems of statements, as a function tells them of those that are not known."""
+        for s in statements:
+            if not self.knows(s):
+                found = [*faults(s)]
                 yield from found
-            else:
-                clean.add(form)
+                if not found:
+                    self.add(s)
+
+
+_NEVER: list[tuple[int, float, float]] = []
+_MOST_DIGITS = 15  # of a number that is compared
 
 
 def check_bytes(data: bytes, *asked: Asked) -> Iterator[Problem]:

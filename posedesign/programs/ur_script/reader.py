@@ -356,6 +356,13 @@ class _Target:
 
 
 _FUNCTIONS = ("define", "thread", "secondary")
+_MOTIONS = (*MOVES, "movec", "set_tcp")
+
+
+def _motions(tree: Tree[Token]) -> list[Tree[Token]]:
+    return [call for call in language.nodes(tree, "call") if call.children[0] in _MOTIONS]
+
+
 _CALLED = re.compile(r"\b[A-Za-z_]\w*(?= ?\()", re.ASCII)
 _DEEPEST = 20  # functions in functions
 
@@ -369,6 +376,17 @@ def _place(s: Statement) -> str:
     return str(place) if isinstance(place, Token) else words(place, "NAME", "POSE")[0].rstrip(" [")
 
 
+def _various(statements: Sequence[Statement]) -> set[str]:
+    """Variables that are given different values, or values of a part."""
+    given: dict[str, set[str]] = {}
+    for s in statements:
+        if s.kind == "assign":
+            texts = given.setdefault(_place(s), set())
+            texts.add(s.text.split("=", 1)[1].strip())
+            texts |= set() if isinstance(s.tree.children[0], Token) else {""}
+    return {name for name, texts in given.items() if len(texts) > 1}
+
+
 class _Changes:
     """Variables that are given different values, and where.
 
@@ -379,7 +397,7 @@ class _Changes:
     def __init__(self, statements: Sequence[Statement]) -> None:
         self.inside: dict[int, set[str]] = {}
         self.functions: dict[str, int] = {}
-        given: dict[str, set[str]] = {}
+        self.various = _various(statements)
         called: set[tuple[int, str]] = set()
         opened: list[list[int]] = [[]]  # blocks up to the function that they are in
         for s in statements:
@@ -391,12 +409,10 @@ class _Changes:
             elif s.kind == "end":
                 del opened[max(len(opened) - 1, 1) :]
             elif s.kind == "assign":
-                given.setdefault(_place(s), set()).add(s.text.split("=", 1)[1].strip())
-                given[_place(s)] |= set() if isinstance(s.tree.children[0], Token) else {""}
                 for row in opened[-1]:
                     self.inside[row].add(_place(s))
-            called |= {(row, name) for name in _CALLED.findall(s.text) for row in opened[-1]}
-        self.various = {name for name, texts in given.items() if len(texts) > 1}
+            if self.various:
+                called |= {(row, name) for name in _CALLED.findall(s.text) for row in opened[-1]}
         for names in self.inside.values():
             names &= self.various
         own = {(row, self.functions[name]) for row, name in called if name in self.functions}
@@ -461,12 +477,10 @@ class _Reader:
             self._assign(statement)
         if statement.kind == "define" and not self.name:
             self.name = statement.word("NAME")
-        if "move" not in text and "set_tcp" not in text:
-            return
-        for call in statement.all("call"):
+        for call in statement.nodes(_motions):
             if call.children[0] == "set_tcp":
                 self._set_tcp(call, row)
-            elif call.children[0] in (*MOVES, "movec"):
+            else:
                 self._move(call, row)
 
     def _open(self, statement: Statement) -> None:

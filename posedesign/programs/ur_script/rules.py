@@ -43,7 +43,7 @@ from typing import Any
 from lark import Token, Tree
 
 from posedesign.programs import rules
-from posedesign.programs.language import Node, Statement, block_faults, is_a, subtrees
+from posedesign.programs.language import Node, Statement, block_faults, is_a, nodes, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.rules import measuring
 from posedesign.programs.signatures import Argument, Signature
@@ -66,9 +66,6 @@ _SHORTEST = 3  # letters of a name that a misspelt one is told by
 _MOST_NAMES = 2000  # of a script in which misspelt ones are looked for
 _ASKS = {"popup", "request_boolean_from_primary_client"}
 _DEFINES = ("define", "thread", "secondary")
-
-Call = tuple[str, list[tuple[str, Node]], int]
-"""Name of a function, its arguments with their keywords, and the line."""
 
 
 def check_ur_script(data: bytes, path: Path) -> list[Problem]:
@@ -94,14 +91,16 @@ class _Script:
         self.functions: dict[str, Signature | None] = {}
         self.variables = {"True", "False"}
         for statement in found:
-            first = next(iter(statement.tree.children), None)
+            if statement.kind not in (*_DEFINES, "assign"):
+                continue
+            first = statement.tree.children[0]
             if statement.kind in _DEFINES:
                 parameters = [parameter.children for parameter in subtrees(statement.tree)]
                 own = " ".join(f"{c[0]}{'?' * (len(c) > 1)}" for c in parameters)
                 twice = str(first) in self.functions
                 self.functions[str(first)] = None if twice else Signature.parse(f"{first} {own}")
                 self.variables.update(str(children[0]) for children in parameters)
-            elif statement.kind == "assign" and isinstance(first, Token):
+            elif isinstance(first, Token):
                 self.variables.add(str(first))
         self.known = self.functions.keys() | reader.FUNCTIONS
         self._told: set[str] = set()
@@ -112,45 +111,30 @@ class _Script:
 
     def check(self) -> Iterator[Problem]:
         called: dict[str, int] = {}
-        clean: dict[int, tuple[list[Call], list[str], bool]] = {}
+        judged = rules.Judged()
         for statement in self.found:
-            row = statement.row
-            known = clean.get(statement.text)  # an equal statement, that nothing is wrong with
-            if known is None:
-                known = (
-                    self._calls(statement),
-                    statement.words("STRING"),
-                    bool(statement.one("pose")),
-                )
-                for name, *_ in known[0]:
-                    called.setdefault(name, row)
-                problems = list(self._check_statement(statement, known[0]))
-                yield from problems
-                if not problems:
-                    clean[statement.text] = known
-            yield from self._check_measuring(row, *known)
+            names = statement.words("FUNCTION")
+            for name in names:
+                called.setdefault(name, statement.row)
+            yield from judged.each([statement], self._check_statement)
+            texts = statement.words("STRING")
+            if names or texts:
+                yield from self._check_measuring(statement, {*names}, texts)
         moved = not called.keys().isdisjoint(MOVES)
         if "freedrive_mode" in called and "end_freedrive_mode" not in called and moved:
             said = "freedrive is never ended: the arm does not move then"
             yield measuring(called["freedrive_mode"], "freedrive", said)
 
-    @staticmethod
-    def _calls(statement: Statement) -> list[Call]:
-        return [
-            (str(token), reader.arguments(tree), statement.row)
-            for tree in statement.all("call", "run")
-            for token in tree.children[:2]
-            if isinstance(token, Token) and token.type == "FUNCTION"
-        ]
-
-    def _check_statement(self, statement: Statement, calls: list[Call]) -> Iterator[Problem]:
+    def _check_statement(self, statement: Statement) -> Iterator[Problem]:
         """What is wrong with a statement, whatever stands before it."""
-        row, moves = statement.row, any(name in MOVES for name, *_ in calls)
+        row, moves = statement.row, bool(statement.once(_moves))
         for name in statement.words("NAME") if statement.kind not in _DEFINES else ():
             if name not in self.variables:
                 yield from self._unknown(name, row, "variable", matters=moves)
-        for call in calls:
-            yield from self._check_call(*call)
+        for tree in statement.all("call", "run"):
+            for token in tree.children[:2]:
+                if isinstance(token, Token) and token.type == "FUNCTION":
+                    yield from self._check_call(str(token), reader.arguments(tree), row)
         for pose in statement.all("pose"):
             yield from _check_pose(pose, row)
         yield from _check_operands(statement)
@@ -186,20 +170,16 @@ class _Script:
             yield from _check_values(name, reader.by_name(name, given), row)
 
     def _check_measuring(
-        self, row: int, calls: list[Call], texts: list[str], posed: bool
+        self, statement: Statement, names: set[str], texts: list[str]
     ) -> Iterator[Problem]:
         """Whether the arm is, and stands still, where it is measured."""
-        if not calls and not texts:
-            return
-        names = {name for name, *_ in calls}
+        row = statement.row
         self._has_tcp = self._has_tcp or "set_tcp" in names
-        for name, given, _ in calls:
-            if name in MOVES:
-                radius = reader.by_name(name, given).get("r")
-                self._is_blended = radius is not None and not _ZERO.fullmatch(shown(radius))
-                self._moves += 1
-                if posed and not self._has_tcp:
-                    yield measuring(row, "tcp", "no set_tcp above: whose pose is it?")
+        if moves := statement.once(_moves):
+            self._moves += moves
+            self._is_blended = not all(map(_ZERO.fullmatch, statement.texts(_radius)))
+            if not self._has_tcp and statement.one("pose"):
+                yield from [measuring(row, "tcp", "no set_tcp above: whose pose is it?")] * moves
         report = next(filter(None, map(_REPORT.fullmatch, texts)), None)
         if self._is_blended and (report or names & _ASKS):
             said = "the move before has a blend radius: the arm does not stop"
@@ -215,6 +195,22 @@ class _Script:
             yield measuring(row, "report", said)
         self._reported.add(report[1])
         self._moves = 0
+
+
+def _moves_in(tree: Tree[Token]) -> list[Tree[Token]]:
+    return [call for call in nodes(tree, "call") if str(call.children[0]) in MOVES]
+
+
+def _moves(statement: Statement) -> int:
+    """Number of moves in a statement."""
+    return len(_moves_in(statement.tree))
+
+
+def _radius(tree: Tree[Token]) -> list[Node]:
+    """Blend radius of the last move, where it has one."""
+    call = _moves_in(tree)[-1]
+    radius = reader.by_name(str(call.children[0]), reader.arguments(call)).get("r")
+    return [] if radius is None else [radius]
 
 
 def _nearly(name: str, known: Collection[str], *, is_variable: bool) -> str:
@@ -262,8 +258,8 @@ def _check_operands(statement: Statement) -> Iterator[Problem]:
         return
     conditions = statement.tree.children if statement.kind in _CONDITIONS else []
     truths = [t.children for t in statement.all("negation", "conjunction")]
-    for nodes in (conditions, *truths):
-        wrong = next((n for n in nodes if _kind(n) in ("text", "list", "pose")), None)
+    for found in (conditions, *truths):
+        wrong = next((n for n in found if _kind(n) in ("text", "list", "pose")), None)
         if wrong is not None:
             yield Problem(statement.row, "arguments", f"{shown(wrong)[:60]} is no condition")
     for tree in statement.all("product", "sign"):

@@ -95,7 +95,7 @@ class JointDialect(Dialect, ABC):
         yield from phrases.visit(program, LIMITS, joints, **own)
 
 
-SIGNS = "signs and zeros of the joints, which are those of the robot's description"
+SIGNS = "signs, zeros and couplings of the joints, which are those of the robot's description"
 
 
 class DescribedDialect(JointDialect, ABC):
@@ -108,7 +108,7 @@ class DescribedDialect(JointDialect, ABC):
     counts: ClassVar[tuple[int, ...]] = (JOINTS,)
 
     def unchecked(self, arm: Arm) -> tuple[str, ...]:
-        """Signs and zeros of the joints."""
+        """What the joints count."""
         return (SIGNS,)
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:

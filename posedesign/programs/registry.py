@@ -16,6 +16,7 @@ from posedesign.programs.dialect import Dialect
 from posedesign.programs.doosan_drl import DoosanDrl
 from posedesign.programs.epson_spel import EpsonSpel
 from posedesign.programs.fanuc_ls import FanucLs
+from posedesign.programs.hyundai_job import HyundaiJob
 from posedesign.programs.kawasaki_as import KawasakiAs
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.mitsubishi_melfa import MitsubishiMelfa
@@ -48,6 +49,7 @@ DIALECTS: dict[str, Dialect] = {
         DoosanDrl(),
         DensoPac(),
         EpsonSpel(),
+        HyundaiJob(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

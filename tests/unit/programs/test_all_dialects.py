@@ -224,6 +224,7 @@ FREE = {
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
     "mitsubishi-melfa": r"'.*|MEASURE",
     "denso-pac": r"'.*|MEASURE",
+    "hyundai-job": r"#.*|MEASURE",
     "epson-spel": r"'.*|MEASURE|MUTATED|Call",
     "doosan-drl": r'#.*|"[^"]*"',
     "kawasaki-as": r";.*|MEASURE|(?<=PROGRAM )\w+",
@@ -231,7 +232,11 @@ FREE = {
 }
 """Comments, texts, names of the user and words that may be left out: a mutant there is legal."""
 
-LEGAL = {"mitsubishi-melfa": r"\d+ Ovrd 10\s*", "doosan-drl": r"def MEASURE\(number:0\):"}
+LEGAL = {
+    "hyundai-job": r" *call MEASURE[\d#].*",
+    "mitsubishi-melfa": r"\d+ Ovrd 10\s*",
+    "doosan-drl": r"def MEASURE\(number:0\):",
+}
 """Lines that a mutant may become: the override of all motions, in the place of the joints'; an
 annotation."""
 

@@ -14,7 +14,7 @@ from posedesign.programs.registry import dialect_of as dialect_of_file
 from tests.unit.programs.dialects import export, program_of, shown
 
 DESCRIBED = [name for name, d in DIALECTS.items() if isinstance(d, DescribedDialect)]
-EXPORTS = {"epson-spel": "epson.prg"}
+EXPORTS = {"epson-spel": "epson.prg", "hyundai-job": "hyundai.job"}
 
 
 def parse(name: str, text: str) -> RecordedProgram:
@@ -28,7 +28,7 @@ def check(name: str, text: str) -> list[Problem]:
 @pytest.mark.parametrize("name", DESCRIBED)
 def test_the_head_says_that_signs_are_those_of_the_description(name: str) -> None:
     text = next(iter(DIALECTS[name].files(program_of(name)).values()))
-    assert "NOT CHECKED: signs and zeros of the joints" in " ".join(text.split())
+    assert "NOT CHECKED: signs, zeros and couplings of the joints" in " ".join(text.split())
 
 
 @pytest.mark.parametrize("name", DESCRIBED)
@@ -49,6 +49,15 @@ def test_an_arm_of_other_joints_is_refused(name: str) -> None:
                 [-41.62707, -8.89064, -30.01809, 60.62329, 0.0, -258.98418],
             ],
             [14, 20],
+        ),
+        (
+            "hyundai-job",
+            [
+                [21.7, 55.2, -16.5, -315.0, 31.2, 223.7],
+                [10, 90, 0, 0, -30, 0],
+                [0, 90.5, 0, 0, 10, 0],
+            ],
+            [4, 14, 16],
         ),
     ],
 )
@@ -75,8 +84,25 @@ REFUSED = [
     *("epson-spel", "  Wait -1", "not 0 to"),
     *("epson-spel", "  Go (1, 2, 3, 4, 5, 6)", "is no position"),
     *("epson-spel", "  Do\n  Fend", "does not close"),
+    *("hyundai-job", "move P,tg=po1+Shift(0,0,5,0,0,0),spd=9%,accu=0,tool=1", "no list of numbers"),
+    *("hyundai-job", "move P,tg=po1+s,spd=9%,accu=0,tool=1", "is computed"),
+    *("hyundai-job", "po1.j2=po1.j2+5\nmove P,tg=po1,spd=9%,accu=0,tool=1", "is changed by"),
+    *("hyundai-job", "call 12,po1\nmove P,tg=po1,spd=9%,accu=0,tool=1", "is changed by"),
+    *(
+        "hyundai-job",
+        "for i=1 to 2\npo1=Pose(1,2,3,4,5,6)\nnext\nmove P,po1,spd=9%,accu=0,tool=1",
+        "is changed by",
+    ),
+    *("hyundai-job", "if di1 then move P,tg=po1,spd=9%,accu=0,tool=1", "cannot be read"),
+    *("hyundai-job", "move P,tg=Pose(1,2,3,4,5,x),spd=9%,accu=0,tool=1", "no list of numbers"),
+    *("hyundai-job", "move P,tg=Pose(1,2,3,4,5,6),spd=9,accu=0,tool=1", "has no unit"),
+    *("hyundai-job", "move P,tg=Pose(1,2,3,4,5,6),spd=900%,accu=0,tool=1", "not above 0 to 100"),
+    *("hyundai-job", "move P,tg=Pose(1,2,3,4,5,6),spd=9%,accu=8,tool=1", "not 0 to 7"),
+    *("hyundai-job", "MOVE P,S=60%,A=3,T=1  (1, 2, 3, 4, 5)A", "5 values"),
+    *("hyundai-job", "MOVE P,S=60%,A=3,T=1  (1, 2, 3, 4, 5, 721)A", "beyond"),
+    *("hyundai-job", "Pose(1,2,3,4,5,6),spd=9%", "cannot be read"),
 ]
-AFTER = {"epson-spel": "\tGo pick +Z(50)\n"}
+AFTER = {"epson-spel": "\tGo pick +Z(50)\n", "hyundai-job": "     do5=1\n"}
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 Function CALPOSE
   ' cell 7
-  ' PLAN abcdef12 2 1 e4e7f177
-  ' * NOT CHECKED: signs and zeros of the joints, which are those of the robot's description
+  ' PLAN abcdef12 2 1 3787f901
+  ' * NOT CHECKED: signs, zeros and couplings of the joints, which are those of the robot's description
   Motor On
   Power High
   Speed 25

@@ -72,7 +72,7 @@ class Poses:
         return self._with_means(rows, 1.0 / np.sqrt(1.0 + self._more) - 1.0)
 
     def information(self, jacobian: FloatArray) -> FloatArray:
-        """Variance ``(12, 12)`` of the gradient by derivatives ``(12, 6, N)`` of the rows."""
+        """Variance ``(p, p)`` of the gradient by derivatives ``(p, 6, N)`` of the rows."""
         spread = np.sqrt(1.0 + self._more) - 1.0
         rows = self._with_means(jacobian, spread) * np.repeat(self.own, 3)[:, None]
         return np.asarray(np.tensordot(rows, rows, axes=((1, 2), (1, 2))))
@@ -152,8 +152,9 @@ def restricted(white: FloatArray, jacobian: FloatArray, *, poses: Poses, own: bo
 
     Parameters
     ----------
-    white, jacobian : ndarray (6, N), (12, 6, N)
-        Rows of the pairs in units of their noise, and their derivatives by the errors of X and Z.
+    white, jacobian : ndarray (6, N), (p, 6, N)
+        Rows of the pairs in units of their noise, and their derivatives by the p errors of the
+        frames.
     own : bool
         Whether the noise of a pair is estimated with the deviations of the poses.
 
@@ -197,15 +198,16 @@ class _Sums:
     """Sums of squares of one set, within poses and of the means of poses with so many pairs."""
 
     def __init__(self, white: FloatArray, jacobian: FloatArray, poses: Poses) -> None:
-        rows = np.concatenate([jacobian, white[None]]).reshape(13, 2, 3, -1)  # (13, 2, 3, N)
+        self._p = len(jacobian)
+        rows = np.concatenate([jacobian, white[None]]).reshape(self._p + 1, 2, 3, -1)
         used = poses.member.any(axis=0)
         means = rows @ (poses.member / poses.counts[:, None]).T
         within = (rows - means @ poses.member)[..., used]
         sizes = np.unique(poses.counts)
         groups = [within, *(np.sqrt(k) * means[..., poses.counts == k] for k in sizes)]
-        every = np.stack([_gram(group) for group in groups])  # (1 + sizes, 2, 13, 13)
+        every = np.stack([_gram(group) for group in groups])  # (1 + sizes, 2, p + 1, p + 1)
         self._unit = np.sqrt(np.maximum(np.einsum("ksii->i", every), _TINY))
-        self._unit[12] = 1.0
+        self._unit[self._p] = 1.0
         self._every = every / np.outer(self._unit, self._unit)
         self._pairs = np.concatenate([[0.0], sizes])
         numbers = [(poses.counts == k).sum() for k in sizes]
@@ -216,14 +218,15 @@ class _Sums:
         variance = own * (1.0 + self._pairs[:, None] * share)
         both = (self._every / variance[..., None, None]).sum(axis=(0, 1))
         # as Schur's complement: what X and Z do not take up of the squares
-        sign, whole = np.linalg.slogdet(both[:12, :12])
+        p = self._p
+        sign, whole = np.linalg.slogdet(both[:p, :p])
         if sign <= 0:
             return _UNLIKELY
-        left = both[12, 12] - both[12, :12] @ np.linalg.solve(both[:12, :12], both[:12, 12])
+        left = both[p, p] - both[p, :p] @ np.linalg.solve(both[:p, :p], both[:p, p])
         return float((self._count[:, None] * np.log(variance)).sum() + whole + left)
 
 
 def _gram(rows: FloatArray) -> FloatArray:
-    """Sums of products ``(2, 13, 13)`` of rows ``(13, 2, 3, n)``, of rotation and translation."""
-    flat = rows.transpose(1, 0, 2, 3).reshape(2, 13, -1)
+    """Sums of products ``(2, q, q)`` of rows ``(q, 2, 3, n)``, of rotation and translation."""
+    flat = rows.transpose(1, 0, 2, 3).reshape(2, len(rows), -1)
     return np.asarray(flat @ np.swapaxes(flat, -1, -2))

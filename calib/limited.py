@@ -11,15 +11,22 @@ import contextlib
 import os
 import select
 import stat
+import struct
 import subprocess
 import sys
+from collections.abc import Generator
 from importlib import import_module
 from pathlib import Path
+from threading import Event, Timer
 
 _START = (
     "import sys; sys.path[:] = {path!r}; sys.pycache_prefix = {compiled!r};"
-    "from calib.limited import serve; serve({module!r}, {memory_bytes!r}, {seconds!r})"
+    "from calib.limited import {serve}; {serve}({module!r}, {memory_bytes!r}, {seconds!r})"
 )
+
+_LENGTH = struct.Struct("<Q")
+_END = 2**64 - 1
+"""In place of a length: all parts were sent."""
 
 
 def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) -> bytes:
@@ -32,17 +39,9 @@ def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) 
     TimeoutError
         It was not done in time.
     """
-    # "" is the folder one happens to be in
-    start = _START.format(
-        path=[entry for entry in sys.path if entry],
-        compiled=sys.pycache_prefix,
-        module=module,
-        memory_bytes=memory_bytes,
-        seconds=seconds,
-    )
     try:
         done = subprocess.run(  # noqa: S603 - no shell, and no word of it is from the data
-            [sys.executable, "-I", "-B", "-X", "utf8", "-c", start],
+            _command("serve", module, memory_bytes, seconds),
             input=data,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -56,9 +55,96 @@ def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) 
     return done.stdout
 
 
+def stream_limited(
+    module: str, data: bytes, *, memory_bytes: int, seconds: float, patience_s: float
+) -> Generator[bytes, None, None]:
+    """Call ``stream(data)`` of a module in a process of its own, and give the parts it yields.
+
+    The process is ended when the iterator is closed. ``seconds``: processor time of all.
+    ``patience_s``: longest time until the next part.
+
+    Raises
+    ------
+    OSError
+        The process cannot be started, or broke off.
+    TimeoutError
+        A part did not come in time.
+    """
+    process = subprocess.Popen(  # noqa: S603 - as above
+        _command("serve_stream", module, memory_bytes, seconds),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    with process:
+        try:
+            process.stdin.write(data)  # type: ignore[union-attr] # both are pipes
+            process.stdin.close()  # type: ignore[union-attr]
+            while (length := _next_length(process, patience_s)) != _END:
+                yield _next_bytes(process, length, patience_s)
+        finally:
+            process.kill()
+
+
+def _next_length(process: subprocess.Popen[bytes], patience_s: float) -> int:
+    (length,) = _LENGTH.unpack(_next_bytes(process, _LENGTH.size, patience_s))
+    return int(length)
+
+
+def _next_bytes(process: subprocess.Popen[bytes], count: int, patience_s: float) -> bytes:
+    late = Event()
+
+    def end() -> None:
+        late.set()
+        process.kill()
+
+    timer = Timer(patience_s, end)
+    timer.start()
+    try:
+        data = process.stdout.read(count)  # type: ignore[union-attr] # a pipe
+    finally:
+        timer.cancel()
+    if len(data) == count:
+        return data
+    if late.is_set():
+        raise TimeoutError(f"nothing came for {patience_s:g} s")
+    raise OSError("the process broke off")
+
+
+def _command(serve: str, module: str, memory_bytes: int, seconds: float) -> list[str]:
+    """Command line of a process that serves a module."""
+    start = _START.format(
+        path=[entry for entry in sys.path if entry],  # "" is the folder one happens to be in
+        compiled=sys.pycache_prefix,
+        serve=serve,
+        module=module,
+        memory_bytes=memory_bytes,
+        seconds=seconds,
+    )
+    return [sys.executable, "-I", "-B", "-X", "utf8", "-c", start]
+
+
 def serve(module: str, memory_bytes: int, seconds: float) -> None:
     """Answer for :func:`run_limited`, inside of the process."""
-    os.environ.clear()
+    _limit(memory_bytes, seconds)
+    out, sys.stdout = sys.stdout.buffer, sys.stderr
+    out.write(import_module(module).run(sys.stdin.buffer.read()))
+    out.flush()
+
+
+def serve_stream(module: str, memory_bytes: int, seconds: float) -> None:
+    """Answer for :func:`stream_limited`, inside of the process."""
+    _limit(memory_bytes, seconds)
+    out, sys.stdout = sys.stdout.buffer, sys.stderr
+    for part in import_module(module).stream(sys.stdin.buffer.read()):
+        out.write(_LENGTH.pack(len(part)))
+        out.write(part)
+    out.write(_LENGTH.pack(_END))
+    out.flush()
+
+
+def _limit(memory_bytes: int, seconds: float) -> None:
+    """Limit what this process may take and do."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # its threads take memory, and may not be started
     with contextlib.suppress(ImportError):  # on Windows
         import resource
@@ -72,9 +158,6 @@ def serve(module: str, memory_bytes: int, seconds: float) -> None:
         ):
             with contextlib.suppress(ValueError, OSError):  # one that the system does not know
                 resource.setrlimit(limit, (most, most))
-    out, sys.stdout = sys.stdout.buffer, sys.stderr
-    out.write(import_module(module).run(sys.stdin.buffer.read()))
-    out.flush()
 
 
 PATIENCE_S = 10.0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
@@ -14,10 +14,13 @@ from posedesign.cli import output
 if TYPE_CHECKING:
     from calib.errors import CalibError
     from calib.lens import Lens, LensName
+    from calib.robots import Robot
+    from posedesign.files import Results
     from posedesign.hand_eye.pairs import Pairs
+    from posedesign.hand_eye.recordings import Taken
 
 
-_POSES_ARE = (
+POSES_ARE = (
     "In what convention poses are written, with commas between the words. kuka-abc, fanuc-wpr, "
     "staubli-rxryrz, kawasaki-oat, ur-rotation-vector, abb-quaternion, and of other makers; "
     "zyx-moving, zyx-fixed and all other orders; rotation-vector, quaternion-wxyz, "
@@ -77,7 +80,7 @@ def robot_world(
         str,
         typer.Option(
             "--poses-are",
-            help=_POSES_ARE + " Of A, or with a slash of A and of B: kuka-abc/quaternion-xyzw,m.",
+            help=POSES_ARE + " Of A, or with a slash of A and of B: kuka-abc/quaternion-xyzw,m.",
         ),
     ] = "",
     method: Annotated[
@@ -249,17 +252,18 @@ def listed(text: str) -> list[str]:
 
 def camera(
     cell: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
             help="The cell, made with: posedesign new > cell.toml. It may be left out where "
             "--poses has poses of the flange and --target describes the board."
         ),
-    ],
+    ] = None,
     pictures: Annotated[
         Path | None,
         typer.Argument(
             help="A folder of pictures of the board that [board] describes; of several cameras a "
-            "folder each in it, with the same names for pictures of one stop."
+            "folder each in it, with the same names for pictures of one stop. Or a video: a still "
+            "is taken each time the picture stands."
         ),
     ] = None,
     joints: Annotated[
@@ -269,10 +273,53 @@ def camera(
             "--poses",
             help="Joints of each picture (j1_deg ..), or poses of the flange (x_mm .. r_deg and "
             "other forms), by the column picture or in the order of the pictures; or a list for "
-            "ROS or RoboDK; poses in YAML or JSON, or a folder with a file for each.",
+            "ROS or RoboDK; poses in YAML or JSON, or a folder with a file for each. Of a video: "
+            "by the column time_s or frame, or in the order of the stills.",
         ),
     ] = None,
-    poses_are: Annotated[str, typer.Option("--poses-are", help=_POSES_ARE)] = "",
+    bag: Annotated[
+        Path | None,
+        typer.Option(
+            "--bag",
+            help="A bag of ROS 2 in place of pictures and joints: its folder, or a file .mcap or "
+            ".db3. A still is taken each time the arm stands.",
+        ),
+    ] = None,
+    image_topic: Annotated[
+        str | None, typer.Option("--image-topic", help="Pictures in the bag; default: the only.")
+    ] = None,
+    joint_topic: Annotated[
+        str | None,
+        typer.Option("--joint-topic", help="Joints in the bag (JointState), likewise."),
+    ] = None,
+    pose_topic: Annotated[
+        str | None,
+        typer.Option(
+            "--pose-topic",
+            help="Or poses of the flange (PoseStamped, TransformStamped); needs no cell.",
+        ),
+    ] = None,
+    tf: Annotated[
+        str | None,
+        typer.Option("--tf", help="Or the base frame and the flange frame, say base_link,tool0."),
+    ] = None,
+    stand_s: Annotated[
+        float | None,
+        typer.Option("--stand-s", help="Shortest stand-still in a bag or video [s]. [0.3]"),
+    ] = None,
+    time_offset_s: Annotated[
+        float | None,
+        typer.Option("--time-offset-s", help="Added to the times of pictures in them [s]. [0]"),
+    ] = None,
+    moving: Annotated[
+        bool,
+        typer.Option(
+            "--moving",
+            help="Take pictures of a moving arm from the bag; how much later than its joints they "
+            "are is estimated.",
+        ),
+    ] = False,
+    poses_are: Annotated[str, typer.Option("--poses-are", help=POSES_ARE)] = "",
     camera: Annotated[
         output.CameraPlace | None,
         typer.Option(
@@ -284,7 +331,8 @@ def camera(
         str,
         typer.Option(
             help="Estimate a pinhole (5 terms of distortion), rational (8) or fisheye lens; or a "
-            "file of a lens that is known: camera.json, camera_info.yaml."
+            "file of a lens that is known: camera.json, camera_info.yaml; camera_info: that of the "
+            "bag."
         ),
     ] = "pinhole",
     free: Annotated[
@@ -347,6 +395,7 @@ def camera(
     One estimate over all pixels, with standard deviations; pictures that contradict the others
     take no part, and what looks wrong is named.
     """
+    from calib.errors import InputError
     from posedesign.cell import Cell
     from posedesign.hand_eye import Asked
     from posedesign.hand_eye.board_files import board_said, cell_of
@@ -355,9 +404,29 @@ def camera(
     from posedesign.report.hand_eye import answer_of_camera
     from posedesign.workflow import calibrate_from_pictures
 
-    folder = pictures or cell
-    loaded = cell_of(target) if pictures is None else Cell.load(cell)
+    if bag is None and pictures is None:
+        cell, pictures = None, cell  # the one that is given is of pictures
+    loaded = cell_of(target) if cell is None else Cell.load(cell)
     board = board_said(target) if target else board_of(loaded)  # said before all else
+    robot = None if cell is None else loaded.robot
+    of_bag = {
+        "image_topic": image_topic,
+        "joint_topic": joint_topic,
+        "pose_topic": pose_topic,
+        "tf": tf,
+        "moving": moving or None,
+    }
+    of_both = {"stand_s": stand_s, "time_offset_s": time_offset_s}
+    stills = output.results_in(out, "camera", overwrite=overwrite)
+    taken = _take_stills(bag, pictures, joints, lens, of_bag, of_both, robot, stills, as_json)
+    if taken is not None:
+        pictures, joints, lens = taken.pictures, taken.table, str(taken.lens or lens)
+    if pictures is None:
+        raise InputError(
+            "there are no pictures",
+            hint="give the cell and a folder of pictures, or a video; or the cell and `bag`",
+            name="pictures",
+        )
     asked = Asked(
         camera or ("fixed" if loaded.camera_stands else "on-flange"),
         lens_of(lens),
@@ -368,14 +437,12 @@ def camera(
         board,
     )
     table = None if joints is None or joints.is_dir() else joints
-    read = None if pictures is None else cell
-    results = output.results_in(out, "camera", read, table, overwrite=overwrite)
-    robot = None if pictures is None else loaded.robot
+    results = output.results_in(out, "camera", cell, table, overwrite=overwrite)
     shown = {
         name: read_picture_set(
             own, joints, robot, order=order, trust_units=trust_units, poses_are=poses_are
         )
-        for name, own in cameras_in(folder).items()
+        for name, own in cameras_in(pictures).items()
     }
     with output.progress("calibrating the camera", with_time_left=True) as advance:
         found, files = calibrate_from_pictures(
@@ -389,6 +456,43 @@ def camera(
         content=result_as_dict(found),
         as_json=as_json,
     )
+
+
+def _take_stills(
+    bag: Path | None,
+    pictures: Path | None,
+    joints: Path | None,
+    lens: str,
+    of_bag: Mapping[str, Any],
+    of_both: Mapping[str, Any],
+    robot: Robot | None,
+    results: Results,
+    quiet: bool,
+) -> Taken | None:
+    """Take the stills of a bag or a video, and say how many; None where pictures are in files."""
+    from posedesign.hand_eye.recordings import Recording, take_from_bag, take_from_video
+    from posedesign.hand_eye.recordings.videos import is_video
+
+    path = bag or pictures
+    if bag is None:
+        output.refuse_given(of_bag, "is for a bag, and there is none: `bag`")
+    else:
+        why = "is not taken with a bag"
+        output.refuse_given({"pictures": pictures, "joints": joints}, why)
+    if path is None or (bag is None and not is_video(path)):
+        output.refuse_given(of_both, "is for a bag or a video")
+        return None
+    given = {name: value for name, value in {**of_bag, **of_both}.items() if value is not None}
+    recording = Recording(path, lens_of_bag=bag is not None and lens == "camera_info", **given)
+    with output.progress("taking stills", quiet=quiet) as advance:
+        taken = (
+            take_from_video(recording, joints, results, advance)
+            if bag is None
+            else take_from_bag(recording, robot, results, advance)
+        )
+    for text in (taken.said, *taken.notes):
+        output.note(f"note: {text}")
+    return taken
 
 
 def lens_of(text: str) -> LensName | Lens:

@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
-from calib.errors import FileFormatError
+from calib.errors import FileFormatError, InputError
 from posedesign.files.safe import read_bytes_bounded
 
 if TYPE_CHECKING:
@@ -38,6 +38,10 @@ LARGEST_PICTURE_BYTES = 4 * MOST_PIXELS
 
 ENDINGS = (".png", ".pgm", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
 """Of files that hold such pictures; the one that loses details for its size last."""
+
+SMALL_PX = 480
+"""Longer side of a picture made small: points a few pixels apart are told apart, and a hundred of
+them take little memory."""
 
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 
@@ -107,6 +111,27 @@ def read_grey(path: Path | str) -> GreyImage:
     return _read(path, lambda data: _decoded(data, _EIGHT_BITS + _SIXTEEN_BITS))
 
 
+def small_picture(picture: GreyImage) -> GreyImage:
+    """Return a picture made smaller, pixels averaged, to be looked at among many."""
+    import cv2
+
+    height, width = picture.shape
+    part = min(1.0, SMALL_PX / max(height, width))
+    size = max(1, round(part * width)), max(1, round(part * height))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def decode_grey(data: bytes) -> GreyImage:
+    """Return the picture of a file's bytes, as `read_grey` reads it.
+
+    Raises InputError: as `read_picture` says, about the bytes.
+    """
+    try:
+        return _strictly(lambda data: _decoded(data, _EIGHT_BITS + _SIXTEEN_BITS), data)
+    except _Unusable as error:
+        raise InputError(str(error), hint="record it as JPEG or PNG of 8 bits") from error
+
+
 def read_head(path: Path | str) -> PictureHead:
     """Read what a file says of the picture that `read_grey` would read; FileFormatError likewise.
 
@@ -125,16 +150,24 @@ def _read(path: Path | str, read: Callable[[bytes], T]) -> T:
     """What is read of the bytes of a file; FileFormatError in one line for all that goes wrong."""
     data = read_bytes_bounded(path, most_bytes=LARGEST_PICTURE_BYTES)
     try:
+        return _strictly(read, data)
+    except _Unusable as error:
+        raise FileFormatError(
+            str(error),
+            path=path,
+            hint=f"save it whole, as PNG of 8 bits, at most {MOST_PIXELS / 1e6:g} million pixels",
+        ) from error
+
+
+def _strictly(read: Callable[[bytes], T], data: bytes) -> T:
+    """What is read of bytes; _Unusable, in words on one line, for all that goes wrong."""
+    try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # Pillow reads on where it only warns
             return read(data)
     except Exception as error:  # its readers let anything through that their arithmetic raises
         why = str(error) if isinstance(error, _Unusable) else f"cannot be decoded: {error}"
-        raise FileFormatError(
-            " ".join(why.split()),
-            path=path,
-            hint=f"save it whole, as PNG of 8 bits, at most {MOST_PIXELS / 1e6:g} million pixels",
-        ) from error
+        raise _Unusable(" ".join(why.split())) from error
 
 
 def _decoded(data: bytes, orders: tuple[str, ...]) -> GreyImage:

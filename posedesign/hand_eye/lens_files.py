@@ -140,7 +140,7 @@ def read_lens(path: Path) -> Lens:
         return _own_lens(path, found["lens"])
     small = {key.casefold(): value for key, value in found.items()}
     if any(name in small for name in _NAMES["matrix"]):
-        return _ros_lens(path, small)
+        return ros_lens(path, small)
     if isinstance(small.get("intrinsics"), dict):
         raise FileFormatError(
             "gives focal lengths and centre, but no size of the image",
@@ -167,8 +167,11 @@ def _own_lens(path: Path, found: Mapping[str, Any]) -> Lens:
     return _lens(path, "lens", found.get("model"), values, size)
 
 
-def _ros_lens(path: Path, found: Mapping[str, Any]) -> Lens:
-    """Of ROS, or of OpenCV's programs, which name no model; keys in small letters."""
+def ros_lens(path: Path, found: Mapping[str, Any]) -> Lens:
+    """Return the lens of ROS, or of OpenCV's programs, which name no model; keys in small letters.
+
+    Raises FileFormatError: a number is missing, or the model is not known.
+    """
     models = {ros: name for name, ros in _ROS_MODELS.items()}
     matrix, distortion, size = (
         next((found[name] for name in _NAMES[what] if name in found), None) for what in _NAMES

@@ -7,13 +7,17 @@ from collections.abc import Callable, Hashable, Iterable, Iterator
 from difflib import get_close_matches
 from functools import lru_cache, partial
 from itertools import islice
-from typing import Any
+from typing import Any, TypeVar
 
 from posedesign.programs.language import Statement
 from posedesign.programs.recorded import Level, Problem
 
 measuring = partial(Problem, level="measuring")
 """Something that runs, but may not measure what was planned."""
+
+Judged = TypeVar("Judged")
+
+_FEW = 8  # statements of a form that are all looked at
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no program has one in each of its lines."""
@@ -49,49 +53,34 @@ def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Ite
     )
 
 
-class Judged:
-    """Statements with nothing wrong, by which others are known to have nothing wrong.
+def judged(
+    items: Iterable[Judged],
+    faults: Callable[[Judged], Iterable[Problem]],
+    of: Callable[[Judged], Statement],
+) -> Iterator[Problem]:
+    """Problems of statements, or of what has one, of which few of each form are looked at.
 
-    That holds for rules that ask of each number whether it lies between two others, and nothing of
-    texts in quotes: what lies between numbers that are right is right. Names are the same, number
-    for number.
+    That holds for rules that ask of each number whether it lies between two others, or how long it
+    is, and nothing of texts in quotes: where the smallest and the largest numbers of a form are
+    right, all are. A form has the same names, number for number.
     """
-
-    def __init__(self) -> None:
-        self._ranges: dict[Hashable, list[tuple[int, float, float]]] = {}
-
-    def knows(self, s: Statement) -> bool:
-        """Whether such a statement has nothing wrong."""
+    groups: dict[Hashable, list[tuple[Judged, Statement]]] = {}
+    for item in items:
+        s = of(item)
         shape, slots = s.shape, s.slots
         key = (shape, *[slots[k] for k in shape.named]) if shape.named else shape
-        for k, least, most in self._ranges.get(key, _NEVER):
-            text = slots[k]
-            if len(text) > _MOST_DIGITS or not least <= float(text) <= most:
-                return False
-        return key in self._ranges
-
-    def add(self, s: Statement) -> None:
-        """Take a statement with nothing wrong."""
-        shape, slots = s.shape, s.slots
-        key = (shape, *[slots[k] for k in shape.named]) if shape.named else shape
-        own = [(k, float(slots[k]), float(slots[k])) for k in shape.numbers]
-        both = zip(own, self._ranges.get(key, own), strict=True)
-        self._ranges[key] = [(k, min(x, a), max(x, b)) for (k, x, _), (_, a, b) in both]
-
-    def each(
-        self, statements: Iterable[Statement], faults: Callable[[Statement], Iterable[Problem]]
-    ) -> Iterator[Problem]:
-        """Problems of statements, as a function tells them of those that are not known."""
-        for s in statements:
-            if not self.knows(s):
-                found = [*faults(s)]
-                yield from found
-                if not found:
-                    self.add(s)
-
-
-_NEVER: list[tuple[int, float, float]] = []
-_MOST_DIGITS = 15  # of a number that is compared
+        groups.setdefault(s if s.fault else key, []).append((item, s))
+    for group in groups.values():
+        chosen = {0}
+        for k in group[0][1].shape.numbers if len(group) > _FEW else ():
+            texts = [s.slots[k] for _, s in group]
+            numbers, lengths = [*map(float, texts)], [*map(len, texts)]
+            chosen |= {numbers.index(min(numbers)), numbers.index(max(numbers))}
+            chosen.add(lengths.index(max(lengths)))
+        told = {n: [*faults(group[n][0])] for n in sorted(chosen)}
+        if len(group) <= _FEW or any(told.values()):
+            for n, (item, _) in enumerate(group):
+                yield from told[n] if n in told else faults(item)
 
 
 def check_bytes(data: bytes, *asked: Asked) -> Iterator[Problem]:

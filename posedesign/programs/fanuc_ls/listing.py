@@ -6,7 +6,7 @@ What the reader takes and what the validator checks is this one listing.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 
@@ -16,10 +16,12 @@ from posedesign.programs.language import (
     MOST_FAULTS,
     Language,
     Line,
+    Node,
     Statement,
     lines_of,
     nodes,
     shared,
+    subtrees,
 )
 
 LANGUAGE = Language(
@@ -82,19 +84,16 @@ class Group:
     twice: str = ""
 
     @classmethod
-    def of(cls, row: int, text: str, tree: Tree[Token]) -> Group:
-        """The group that a tree is."""
+    def of(cls, row: int, text: str, elements: Iterable[tuple[str, list[str]]]) -> Group:
+        """The group of what stands in it; see `elements_of`."""
         group = cls(row, text)
-        for element in tree.children:
-            if not isinstance(element, Tree):
-                continue
-            name, *values = map(str, element.children)
-            if element.data == "active":
+        for kind, (name, *values) in elements:
+            if kind == "active":
                 group.frames[name] = None if values[0] == "F" else int(values[0][:5])
-            elif element.data == "config":
-                group.config = str(element.children[-1]).strip("'\" ")
+            elif kind == "config":
+                group.config = (values or [name])[-1].strip("'\" ")
             else:
-                if element.children[0].type == "AXIS":  # type: ignore[union-attr]
+                if kind == "AXIS":
                     values.append("mm" if name in "XYZ" else "deg")
                 name = name.replace("EXT", "E")
                 group.twice = group.twice or name * (name in group.fields)
@@ -122,6 +121,7 @@ class Position:
     row: int
     number: int
     name: str
+    statement: Statement
     groups: dict[int, Group] = field(default_factory=dict)
 
     @property
@@ -207,18 +207,73 @@ def _take_positions(listing: Listing, row: int, body: str) -> None:
                 break
             continue
         name = statement.word("NAME_TEXT").lstrip(": ").strip(' "')
-        position = Position(row, int(statement.word("INT")[:9]), name)
+        position = Position(row, int(statement.word("INT")[:9]), name, statement)
         listing.positions.append(position)
         at = 0
-        for tree in nodes(statement.tree, "group"):
-            motion = str(tree.children[0])
+        for motion, elements in elements_of(statement):
             start = found[0].index(motion, at)
             at = start + 1
-            group = Group.of(row + found[0].count("\n", 0, start), found[0][start:], tree)
+            group = Group.of(row + found[0].count("\n", 0, start), found[0][start:], elements)
             for twice in (motion * (int(motion[2:5]) in position.groups), group.twice):
                 if twice:
                     listing.faults.append((group.row_of(twice), f"{label}has {twice} twice"))
             position.groups[int(motion[2:5])] = group
+
+
+def elements_of(statement: Statement) -> Iterator[tuple[str, list[tuple[str, list[str]]]]]:
+    """What stands in each motion group of a position, or in a register: kinds and texts.
+
+    With the name of the group, which is empty of a register.
+    """
+    texts = iter(statement.texts(_tokens))
+    for named, kinds in statement.once(_kinds):
+        motion = next(texts) if named else ""
+        yield motion, [(kind, [next(texts) for _ in range(count)]) for kind, count in kinds]
+
+
+def _tokens(tree: Tree[Token]) -> Iterator[Token]:
+    for group in nodes(tree, "group", "registered"):
+        yield from group.children[: group.data == "group"]  # type: ignore[misc]
+        for element in subtrees(group):
+            yield from element.children  # type: ignore[misc]
+
+
+def _kinds(statement: Statement) -> list[tuple[bool, list[tuple[str, int]]]]:
+    found = []
+    for group in statement.all("group", "registered"):
+        parts = [(element.data, element.children) for element in subtrees(group)]
+        kinds = [
+            ("AXIS" if kind == "field" and own[0].type == "AXIS" else kind, len(own))  # type: ignore[union-attr]
+            for kind, own in parts
+        ]
+        found.append((group.data == "group", kinds))
+    return found
+
+
+def places_of(statement: Statement) -> list[str]:
+    """Positions that an instruction names: ``P[3]``, or `CHOSEN`."""
+    if statement.said is None:
+        found = [CHOSEN] if statement.once(_is_chosen) else []
+        numbers = dict.fromkeys(statement.texts(_numbers))
+        statement.said = [*found, *(f"P[{int(n[:9])}]" for n in numbers)]
+    said: list[str] = statement.said
+    return said
+
+
+CHOSEN = "P[R]"  # a position that a register chooses
+
+
+def _indices(tree: Tree[Token]) -> Iterator[Node]:
+    places = (t for t in nodes(tree, "target", "indexed") if str(t.children[0]) == "P")
+    return (next(nodes(place, "index")).children[0] for place in places)
+
+
+def _numbers(tree: Tree[Token]) -> Iterator[Node]:
+    return (n for n in _indices(tree) if isinstance(n, Token) and n.type == "INT")
+
+
+def _is_chosen(statement: Statement) -> bool:
+    return len([*_indices(statement.tree)]) > len([*_numbers(statement.tree)])
 
 
 def _instructions(lines: list[Line]) -> Iterator[Instruction]:

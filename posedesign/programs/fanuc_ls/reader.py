@@ -26,7 +26,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -34,8 +36,16 @@ from typing import Any
 from calib.errors import FileFormatError
 from posedesign.programs import reading
 from posedesign.programs.configurations import FanucConfiguration
-from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
-from posedesign.programs.language import Line, nodes
+from posedesign.programs.fanuc_ls.listing import (
+    CHOSEN,
+    LANGUAGE,
+    Group,
+    Listing,
+    elements_of,
+    places_of,
+    read_listing,
+)
+from posedesign.programs.language import Line
 from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
     carried_off,
@@ -68,7 +78,7 @@ class _Stored(Stored):
 
     group: Group
 
-    @property
+    @cached_property
     def cartesian(self) -> bool:
         return self.group.config is not None or bool({*PLACE, *TURN} & self.group.fields.keys())
 
@@ -77,7 +87,7 @@ class _Stored(Stored):
         """Whether it has any value of its own."""
         return any(self.group.has_value(name) for name in (*JOINTS, *PLACE, *TURN))
 
-    @property
+    @cached_property
     def external(self) -> list[tuple[str, str, str, int]]:
         valued = takewhile(self.group.has_value, EXTENDED)
         return [
@@ -88,7 +98,8 @@ class _Stored(Stored):
     def numbers(self, path: Path | str) -> list[float]:
         group, label = self.group, self.label
         own = (*PLACE, *TURN) if self.cartesian else JOINTS
-        for name in sorted(group.fields.keys() - {*own, *EXTENDED}):
+        strange = group.fields.keys() - {*own, *EXTENDED}
+        for name in sorted(strange) if strange else ():
             row = group.row_of(name)
             if name in RELATIVE:
                 refuse(f"{label} is seen from a remote TCP: {name}", path, row, _ON_THE_PENDANT)
@@ -101,6 +112,10 @@ class _Stored(Stored):
         for name in own:
             unit, read = ("mm", reading.millimetres) if name in PLACE else ("deg", joint_deg)
             text, found = group.fields.get(name, ("", ""))
+            if found == unit:
+                with suppress(FileFormatError):  # said below, with its own line
+                    values.append(read(text, f"{label}: {name}", path, group.row))
+                    continue
             row = group.row_of(name)
             if not text:
                 hint = f"a position of this kind has {' '.join(own)}"
@@ -109,7 +124,7 @@ class _Stored(Stored):
                 refuse(f"{label}: {name} has no value (***)", path, row, "touch the position up")
             if found != unit:
                 refuse(f"{label}: {name} is in {found or 'no unit'}, not in {unit}", path, row)
-            values.append(read(text, f"{label}: {name}", path, row))
+            read(text, f"{label}: {name}", path, row)
         return values
 
     def details(self, path: Path | str) -> dict[str, Any]:
@@ -177,8 +192,7 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     moved = carried_off(others, path)
     lost: dict[str, tuple[str, int]] = {}
     for line in listing.instructions if _INCREMENT.search(text) else ():
-        targets = line.statement.all("target") if _INCREMENT.search(line.code) else ()
-        for label in (f"P[{next(nodes(tree, 'index')).children[0]}]" for tree in targets):
+        for label in places_of(line.statement) if _INCREMENT.search(line.code) else ():
             if label in stored and line.kind == "motion":
                 lost[label] = f"moves by an increment (INC): {label} is no position", line.row
     if "=" in text[text.find("/MN") :]:
@@ -200,6 +214,8 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         n: {len(EXTENDED) + k: e for k, e in moved.get(f"P[{n}]", {}).items()}
         for n in (p.number for p in read.positions)
     }
+    if not any(strange.values()):
+        return read
     positions = (replace(p, carried={**p.carried, **strange[p.number]}) for p in read.positions)
     return replace(read, positions=tuple(positions))
 
@@ -213,9 +229,8 @@ def _changed(listing: Listing) -> dict[str, tuple[str, int]]:
     whole = any(own and not own[1] for own in given)  # a register chooses which
     names = {f"P[{int(own[1])}]" for own in given if own and own[1]}
     for line in listing.instructions:
-        for tree in line.statement.all("target") if line.kind == "motion" else ():
-            label = f"P[{next(nodes(tree, 'index')).children[0]}]"
-            if str(tree.children[0]) == "P" and (whole or label in names):
+        for label in places_of(line.statement) if line.kind == "motion" else ():
+            if label != CHOSEN and (whole or label in names):
                 found.setdefault(label, (f"{label} is changed by the program", line.row))
     return found
 
@@ -266,7 +281,7 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
             refuse(f"{label} is there twice", path, row, "remove one of them")
         there.add(label)
         if tree is not None:
-            group = Group.of(row, body, tree)
+            group = Group.of(row, body, next(elements_of(statement))[1])
             if group.twice:
                 refuse(f"{label} has {group.twice} twice", path, group.row_of(group.twice))
             name = statement.word("TEXT").strip("'").strip()

@@ -47,25 +47,30 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
+from operator import attrgetter
 
 from lark import Token
 
 from posedesign.programs import rules
 from posedesign.programs.fanuc_ls.listing import (
+    CHOSEN,
     Group,
     Instruction,
     Listing,
     Position,
     known_words,
+    places_of,
     read_listing,
 )
 from posedesign.programs.fanuc_ls.reader import EXTENDED, JOINTS, PLACE, RELATIVE, TURN
-from posedesign.programs.language import Block, block_faults, nodes
+from posedesign.programs.language import Block, Statement, block_faults, nodes
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM
 from posedesign.programs.recorded import Level, Problem
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
 _NEEDED = ["PROG", "MN", "END"]
+_STATEMENT = attrgetter("statement")
 _NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?-i:[ \t]+[A-Z][a-z]{2,9})?", re.IGNORECASE)
 _POSE = {*PLACE, *TURN}
 _KINDS = ({*JOINTS}, _POSE, RELATIVE)
@@ -77,7 +82,6 @@ _GERMAN = re.compile(
     r"|BENUTZER_NUM|TRAGLST|ZEIT)(?!\w)"
 )
 _UNJUDGED = ("motion", "fault", "other")  # by how far they are from the colon
-_CHOSEN = "P[R]"  # of a position that a register chooses
 _BLOCKS = {"if_": Block("endif", ("else_",)), "for_": Block("endfor")}
 _MACRO = re.compile(
     r"(?!CALL|WAIT(?!( [A-Z]{3,})+$)|AUFRUF|WARTE)[A-Z][\w./-]*( [\w./#&+-]+)+ *(\([^()]*\))?", re.I
@@ -108,8 +112,7 @@ def check_fanuc_ls(data: bytes) -> list[Problem]:
         _check_headings(listing),
         _check_lines(listing),
         rules.each(lines, _line_faults),
-        rules.each(lines, _code_faults),
-        rules.each(lines if listing.english else (), _german_faults),
+        rules.judged(lines, partial(_check_code, english=listing.english), _STATEMENT),
         block_faults([line.statement for line in lines], _BLOCKS),
         _check_labels(listing),
         _check_positions(listing),
@@ -184,6 +187,11 @@ def _line_faults(line: Instruction) -> Iterator[rules.Fault]:
         yield rule, "two spaces stand between the colon and an instruction", "measuring"
 
 
+def _check_code(line: Instruction, *, english: bool) -> Iterator[Problem]:
+    for fault in (*_code_faults(line), *(_german_faults(line) if english else ())):
+        yield Problem(line.row, *fault)
+
+
 def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
     s, fault = line.statement, line.statement.fault
     if fault and re.search(r"(?:[=<>,(]|TO) ?-\s*[\d.]", line.code):
@@ -250,13 +258,15 @@ def _check_labels(listing: Listing) -> Iterator[Problem]:
 def _check_positions(listing: Listing) -> Iterator[Problem]:
     for row, fault in listing.faults:
         yield Problem(row, "position-format", fault)
-    for position in listing.positions:
-        group = position.groups.get(1)
-        if group is None:
-            reason = f"{position.label} has no GP1: the arm stays where it is"
-            yield Problem(position.row, "position-format", reason, "measuring")
-        else:
-            yield from _check_group(position, group)
+    yield from rules.judged(listing.positions, _check_position, _STATEMENT)
+
+
+def _check_position(position: Position) -> Iterator[Problem]:
+    group = position.groups.get(1)
+    if group is None:
+        reason = f"{position.label} has no GP1: the arm stays where it is"
+        return iter([Problem(position.row, "position-format", reason, "measuring")])
+    return _check_group(position, group)
 
 
 def _check_group(position: Position, group: Group) -> Iterator[Problem]:
@@ -295,21 +305,17 @@ def _check_group(position: Position, group: Group) -> Iterator[Problem]:
 
 def _check_use(listing: Listing) -> Iterator[Problem]:
     there = [(position.row, position.label) for position in listing.positions]
-    broken = {_CHOSEN, *(f"P[{number}]" for number in listing.broken)} - {name for _, name in there}
-    used = [(line.row, label) for line in listing.instructions for label in _positions_of(line)]
-    all_known = all(label != _CHOSEN for _, label in used)
+    broken = {CHOSEN, *(f"P[{number}]" for number in listing.broken)} - {name for _, name in there}
+    used = [(s.row, label) for s, label in _places(listing)]
+    all_known = all(label != CHOSEN for _, label in used)
     asked = ("position-unique", "position-defined", "position-used" if all_known else "")
     return rules.check_names(there, (use for use in used if use[1] not in broken), asked)
 
 
-def _positions_of(line: Instruction) -> set[str]:
-    found = set()
-    for tree in line.statement.all("target", "indexed"):
-        if str(tree.children[0]) == "P":
-            first = next(nodes(tree, "index")).children[0]
-            named = isinstance(first, Token) and first.type == "INT"
-            found.add(f"P[{int(str(first)[:9])}]" if named else _CHOSEN)
-    return found
+def _places(listing: Listing) -> Iterator[tuple[Statement, str]]:
+    """Positions that instructions name."""
+    for line in listing.instructions:
+        yield from ((line.statement, label) for label in places_of(line.statement))
 
 
 def _check_motions(listing: Listing) -> Iterator[Problem]:
@@ -335,7 +341,7 @@ def _check_motions(listing: Listing) -> Iterator[Problem]:
             sure = set()
         elif kind == "motion":
             stands = line.statement.one("fine") is not None
-            for label in sorted(_positions_of(line) & stored.keys()):
+            for label in sorted({*places_of(line.statement)} & stored.keys()):
                 yield from _frame_problems(line.row, stored[label], active, sure)
         if kind == "call" and not stands:
             reason = "no motion to a standstill (FINE) before the CALL"

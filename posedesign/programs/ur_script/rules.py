@@ -111,12 +111,11 @@ class _Script:
 
     def check(self) -> Iterator[Problem]:
         called: dict[str, int] = {}
-        judged = rules.Judged()
+        yield from rules.judged(self.found, self._check_statement, lambda s: s)
         for statement in self.found:
             names = statement.words("FUNCTION")
             for name in names:
                 called.setdefault(name, statement.row)
-            yield from judged.each([statement], self._check_statement)
             texts = statement.words("STRING")
             if names or texts:
                 yield from self._check_measuring(statement, {*names}, texts)

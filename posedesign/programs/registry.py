@@ -11,6 +11,7 @@ from calib.robots import Robot
 from calib.se3 import FloatArray
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.arm import Arm
+from posedesign.programs.comau_pdl import ComauPdl
 from posedesign.programs.denso_pac import DensoPac
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.doosan_drl import DoosanDrl
@@ -50,6 +51,7 @@ DIALECTS: dict[str, Dialect] = {
         DensoPac(),
         EpsonSpel(),
         HyundaiJob(),
+        ComauPdl(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

@@ -21,7 +21,7 @@ from posedesign.files import Results, head_of, kept_aside, make_folder, write_by
 from posedesign.programs.reading import MOST_BYTES, unpacked
 
 _MARK = re.compile(
-    rb"""^[ \t\d:]{0,40}(?:[;!'#]|//|<Value\ key="0"\ value=")?[ \t]{0,40}
+    rb"""^[ \t\d:]{0,40}(?:[;!'#]|//|--|<Value\ key="0"\ value=")?[ \t]{0,40}
     PLAN\ ([0-9a-f]{4,16})\ (\d{1,7})(?:\ (\d{1,3})\ ([0-9a-f]{8}))?["/> \t;]{0,40}\r?$""",
     re.MULTILINE | re.VERBOSE,
 )

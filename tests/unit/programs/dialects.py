@@ -183,13 +183,22 @@ HOW = {
         fit=("T -1", "x" * 99),
         unfit=("é", "a\nb", "x" * 101),
     ),
+    "comau-pdl": How(
+        *(5.001e-7, (0.0, 0.0), 30, 100, 100, 1e4),
+        by_number=True,
+        title=False,
+        ends=False,
+        line=r"  MOVE JOINT TO \{",
+        fit=("T -1", "x" * 99),
+        unfit=("é", "a\nb", "x" * 101),
+    ),
     "ros-trajectory": replace(LIST, line=r'- \{"positions"'),
     "moveit-joints": replace(LIST, passes=False, line=r"- - -?\d"),
     "robot-calibration": replace(LIST, passes=False, line="- joints:"),
     "robodk-csv": replace(LIST, joint_deg=5.01e-7, ends=False, line=r"-?[\d.]+,"),
 }
 
-SIX = ("mitsubishi-melfa", "epson-spel", "hyundai-job")
+SIX = ("mitsubishi-melfa", "epson-spel", "hyundai-job", "comau-pdl")
 """For any robot, but with texts for arms of six joints."""
 
 CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]

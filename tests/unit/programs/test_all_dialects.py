@@ -224,6 +224,7 @@ FREE = {
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
     "mitsubishi-melfa": r"'.*|MEASURE",
     "denso-pac": r"'.*|MEASURE",
+    "comau-pdl": r"--.*|'[^']*'|R_MEASURE",
     "hyundai-job": r"#.*|MEASURE",
     "epson-spel": r"'.*|MEASURE|MUTATED|Call",
     "doosan-drl": r'#.*|"[^"]*"',
@@ -233,6 +234,7 @@ FREE = {
 """Comments, texts, names of the user and words that may be left out: a mutant there is legal."""
 
 LEGAL = {
+    "comau-pdl": r" *MOVE +TO \{.*",
     "hyundai-job": r" *call MEASURE[\d#].*",
     "mitsubishi-melfa": r"\d+ Ovrd 10\s*",
     "doosan-drl": r"def MEASURE\(number:0\):",

@@ -14,7 +14,7 @@ from posedesign.programs.registry import dialect_of as dialect_of_file
 from tests.unit.programs.dialects import export, program_of, shown
 
 DESCRIBED = [name for name, d in DIALECTS.items() if isinstance(d, DescribedDialect)]
-EXPORTS = {"epson-spel": "epson.prg", "hyundai-job": "hyundai.job"}
+EXPORTS = {"epson-spel": "epson.prg", "hyundai-job": "hyundai.job", "comau-pdl": "comau.pdl"}
 
 
 def parse(name: str, text: str) -> RecordedProgram:
@@ -59,6 +59,14 @@ def test_an_arm_of_other_joints_is_refused(name: str) -> None:
             ],
             [4, 14, 16],
         ),
+        (
+            "comau-pdl",
+            [
+                [-46.18419, -6.77518, -20.54925, 71.38674, 49.58727, -302.54752],
+                [-41.62707, -8.89064, -30.01809, 60.62329, 49.66749, -258.98418],
+            ],
+            [13, 20],
+        ),
     ],
 )
 def test_a_program_of_others(name: str, found: list[list[float]], lines: list[int]) -> None:
@@ -84,6 +92,25 @@ REFUSED = [
     *("epson-spel", "  Wait -1", "not 0 to"),
     *("epson-spel", "  Go (1, 2, 3, 4, 5, 6)", "is no position"),
     *("epson-spel", "  Do\n  Fend", "does not close"),
+    *("comau-pdl", "MOVE TO home + VEC(0, 0, 1)", "is computed"),
+    *("comau-pdl", "MOVE TO {1, , 90, 4, 5, 6}", "no list of numbers"),
+    *("comau-pdl", "MOVE TO {1, 2, 3, 4, 5, i}", "no list of numbers"),
+    *("comau-pdl", "MOVE TO {1, 2, 3, 4, 5, 721}", "beyond"),
+    *("comau-pdl", "MOVE TO {1, 2, 3, 4, 5}", "5 values"),
+    *("comau-pdl", "MOVE CIRCULAR TO {1, 2, 3, 4, 5, 6} VIA {1, 2, 3, 4, 5, 7}", "no list of"),
+    *("comau-pdl", "home[1] := 5\nMOVE TO home", "is changed by"),
+    *("comau-pdl", "R_Change(home)\nMOVE TO home", "is changed by"),
+    *(
+        "comau-pdl",
+        "WHILE i < 2 DO\nhome := {1, 2, 3, 4, 5, 6}\nMOVE TO home\nENDWHILE",
+        "is changed by",
+    ),
+    *("comau-pdl", "MOVE RELATIVE VEC(0, 0, 1) IN TOOL", "cannot be read"),
+    *("comau-pdl", "$PROG_SPD_OVR := 101", "not 1 to 100"),
+    *("comau-pdl", "$TERM_TYP := FINE", "nearly"),
+    *("comau-pdl", "$TERM_TYPE := FNE", "no value of"),
+    *("comau-pdl", "DELAY -1", "not 0 to"),
+    *("comau-pdl", "ENDIF", "does not close"),
     *("hyundai-job", "move P,tg=po1+Shift(0,0,5,0,0,0),spd=9%,accu=0,tool=1", "no list of numbers"),
     *("hyundai-job", "move P,tg=po1+s,spd=9%,accu=0,tool=1", "is computed"),
     *("hyundai-job", "po1.j2=po1.j2+5\nmove P,tg=po1,spd=9%,accu=0,tool=1", "is changed by"),
@@ -102,7 +129,11 @@ REFUSED = [
     *("hyundai-job", "MOVE P,S=60%,A=3,T=1  (1, 2, 3, 4, 5, 721)A", "beyond"),
     *("hyundai-job", "Pose(1,2,3,4,5,6),spd=9%", "cannot be read"),
 ]
-AFTER = {"epson-spel": "\tGo pick +Z(50)\n", "hyundai-job": "     do5=1\n"}
+AFTER = {
+    "epson-spel": "\tGo pick +Z(50)\n",
+    "hyundai-job": "     do5=1\n",
+    "comau-pdl": "  WAIT FOR $DIN[1]\n",
+}
 
 
 @pytest.mark.parametrize(

@@ -325,7 +325,8 @@ def test_lists_of_joints_have_no_poses(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", [name for name, how in HOW.items() if how.wait_s])
 def test_a_time_to_settle_is_no_longer_than_the_controller_takes(name: str, tmp_path: Path) -> None:
     most = HOW[name].wait_s
-    said = f"Delay {1e3 * most:.0f}" if name == "denso-pac" else f"{most:.2f}"
+    in_ms = {"denso-pac": "Delay", "comau-pdl": "DELAY"}.get(name)
+    said = f"{in_ms} {1e3 * most:.0f}" if in_ms else f"{most:.2f}"
     assert said in texts_of(program_of(name, settle_s=most), name)
     refuse(program_of(name, settle_s=most + 0.01), name, "settle_s is", tmp_path)
 

@@ -27,6 +27,9 @@ POSES_ARE = (
     "quaternion-xyzw. Then mm or m, deg or rad, inverse."
 )
 
+_LENS_OF_BAG = "camera_info"
+"""In place of a file: the lens that a bag has."""
+
 
 def robot_world(
     pairs: Annotated[
@@ -417,10 +420,12 @@ def camera(
         "moving": moving or None,
     }
     of_both = {"stand_s": stand_s, "time_offset_s": time_offset_s}
+    is_in_bag = bag is not None and lens == _LENS_OF_BAG
+    known = None if is_in_bag else lens_of(lens)
     stills = output.results_in(out, "camera", overwrite=overwrite)
-    taken = _take_stills(bag, pictures, joints, lens, of_bag, of_both, robot, stills, as_json)
+    taken = _take_stills(bag, pictures, joints, is_in_bag, of_bag, of_both, robot, stills, as_json)
     if taken is not None:
-        pictures, joints, lens = taken.pictures, taken.table, str(taken.lens or lens)
+        pictures, joints = taken.pictures, taken.table
     if pictures is None:
         raise InputError(
             "there are no pictures",
@@ -429,7 +434,7 @@ def camera(
         )
     asked = Asked(
         camera or ("fixed" if loaded.camera_stands else "on-flange"),
-        lens_of(lens),
+        known or lens_of(str(taken.lens if taken else lens)),
         tuple(listed(free)),
         tuple(listed(board_errors)),
         pixel_sigma,
@@ -462,7 +467,7 @@ def _take_stills(
     bag: Path | None,
     pictures: Path | None,
     joints: Path | None,
-    lens: str,
+    lens_of_bag: bool,
     of_bag: Mapping[str, Any],
     of_both: Mapping[str, Any],
     robot: Robot | None,
@@ -483,7 +488,7 @@ def _take_stills(
         output.refuse_given(of_both, "is for a bag or a video")
         return None
     given = {name: value for name, value in {**of_bag, **of_both}.items() if value is not None}
-    recording = Recording(path, lens_of_bag=bag is not None and lens == "camera_info", **given)
+    recording = Recording(path, lens_of_bag=lens_of_bag, **given)
     with output.progress("taking stills", quiet=quiet) as advance:
         taken = (
             take_from_video(recording, joints, results, advance)

@@ -58,6 +58,8 @@ class Pairs:
     notes: tuple[str, ...] = ()  # what is odd about them
     misread: str = ""
     """How else they seem to have been written than they were read; empty where they fit."""
+    numbers: tuple[int, ...] = ()
+    """Number of each among those of the file, from 0, where some are left out; else empty."""
 
 
 def pair_columns(letter: str, form: PoseForm = DEFAULT_FORM) -> list[str]:

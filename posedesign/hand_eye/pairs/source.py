@@ -137,18 +137,22 @@ class PairSource:
     def _paths(self) -> list[Path]:
         return [path for path in (self.pairs, self.a, self.b) if path is not None]
 
-    def read(self) -> Pairs:
+    def read(self, *, of_two_frames: bool = True) -> Pairs:
         """Read A and B as the solver takes them, each pair once.
+
+        ``of_two_frames``: all pairs are of the same X and Z, so that they can be asked whether they
+        fit together as they were read.
 
         Raises FileFormatError: naming file, line and column, or file, variable and pose.
         """
         a, b = self._sides()
         joined(a, b)  # as many of each
-        a, b = told(a, b, self._arranged)
+        if of_two_frames:
+            a, b = told(a, b, self._arranged)
         pairs = joined(a, b)
         A, B = self._arranged(a.T, b.T)
         pairs = replace(pairs, A=A, B=B)
-        misfit = misfit_of(a, b, self._arranged)
+        misfit = misfit_of(a, b, self._arranged) if of_two_frames else None
         if misfit is not None and misfit.explained:
             pairs = replace(pairs, misread=misfit.text)
         elif misfit is not None:
@@ -278,5 +282,6 @@ def without_repeats(pairs: Pairs) -> Pairs:
         A=pairs.A[kept],
         B=pairs.B[kept],
         places=tuple(compress(places, kept)),
+        numbers=tuple(np.flatnonzero(kept).tolist()),
         notes=(*pairs.notes, note),
     )

@@ -198,6 +198,10 @@ class Statement:
         """The first subtree of this name."""
         return next(iter(self.all(name)), None)
 
+    def texts_of(self, *names: str) -> list[str]:
+        """Their texts without blanks."""
+        return self.shape.texts(_of_names(names), self.slots)
+
     def words(self, *types: str) -> list[str]:
         """Texts of all tokens of these terminals, from the left."""
         return self.shape.texts(_of_types(types), self.slots)

@@ -28,10 +28,10 @@ from collections.abc import Iterator, Sequence
 from lark import Token, Tree
 
 from posedesign.programs import joint_programs as joints
-from posedesign.programs import language, signatures
+from posedesign.programs import language, rules, signatures
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import PLAIN, JointDialect, Standing
-from posedesign.programs.language import Block, Language, Statement, nodes, subtrees, text_of
+from posedesign.programs.language import Block, Language, Node, Statement, nodes, subtrees, text_of
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
@@ -71,13 +71,13 @@ _BLOCKS = {
 }
 
 
-def _joints_in(tree: Tree[Token], of: str = "") -> list[str] | None:
-    """Texts of the joint values that an expression is, given to a variable; None: it is no such."""
+def _joints_in(tree: Tree[Token], of: str = "") -> list[Tree[Token]] | None:
+    """Joint values that an expression is, given to a variable; None: it is no such."""
     bare = r"|\([^()]*\)" if re.fullmatch(r"j\d+", of) else ""
     text = text_of(next(nodes(tree, "sum"))).lower()
     if not re.fullmatch(rf"j2p\(j?\([^()]*\)\)|j\([^()]*\){bare}", text):
         return None
-    return [text_of(value) for value in subtrees([*nodes(tree, "group")][-1])]
+    return subtrees([*nodes(tree, "group")][-1])
 
 
 _Target = tuple[str, str, list[str] | None]
@@ -85,14 +85,33 @@ _Target = tuple[str, str, list[str] | None]
 
 def _targets(s: Statement) -> list[_Target]:
     """How a move stops at each of its targets, the expression, and the joints that it is."""
-    return language.shared(("pac", id(s)), lambda: [*_told(s)]) if s.kind == "move" else []
+    if s.kind != "move":
+        return []
+    if s.said is None:
+        texts = iter(s.texts(_told))
+        s.said = [
+            (
+                next(texts).upper() if stops else "@0",
+                next(texts),
+                None if count is None else [next(texts) for _ in range(count)],
+            )
+            for stops, count in s.once(_forms)
+        ]
+    said: list[_Target] = s.said
+    return said
 
 
-def _told(s: Statement) -> Iterator[_Target]:
-    for target in s.all("target"):
-        stop = target.children[0]
-        how = str(stop).upper() if isinstance(stop, Token) else "@0"
-        yield how, text_of(next(nodes(target, "sum"))), _joints_in(target)
+def _told(tree: Tree[Token]) -> Iterator[Node]:
+    for target in nodes(tree, "target"):
+        yield from target.children[: isinstance(target.children[0], Token)]
+        yield next(nodes(target, "sum"))
+        yield from _joints_in(target) or ()
+
+
+def _forms(s: Statement) -> list[tuple[bool, int | None]]:
+    """Whether each target says how the arm stops, and how many joint values it is."""
+    found = [(t.children[0], _joints_in(t)) for t in s.all("target")]
+    return [(isinstance(a, Token), None if b is None else len(b)) for a, b in found]
 
 
 def _within(statements: Sequence[Statement]) -> Iterator[bool]:
@@ -112,12 +131,14 @@ def _given(s: Statement) -> Iterator[tuple[str, str, list[str] | None, str]]:
         if place.data == "place" and value.data == "sum":
             name = text_of(place).lower()
             base, _, index = name.partition("[")
-            yield base, index[:-1], _joints_in(value, name), text_of(value).lower()
+            found = _joints_in(value, name)
+            given = None if found is None else [text_of(joint) for joint in found]
+            yield base, index[:-1], given, text_of(value).lower()
 
 
-def _events(text: str) -> Iterator[Event]:
+def _events(program: str) -> Iterator[Event]:
     """What the steps give to joint variables, and where they move."""
-    statements = LANGUAGE.statements(text)
+    statements = LANGUAGE.statements(program)
     own = {
         base for s in statements for base, _, given, e in _given(s) if given or _JOINTS.search(e)
     }
@@ -129,11 +150,13 @@ def _events(text: str) -> Iterator[Event]:
         if (_MOVE.search(low) and named) or _JOINT.search(low):
             reason = s.fault or "nobody knows whether it is moved to"
             yield Go(s.row, "", inside, f"a position cannot be read: {reason}")
-        for target, given in [(text.lower(), given) for _, text, given in _targets(s)]:
-            base, computed = target.partition("[")[0], {*_NAME.findall(target)} & own
+        for _, text, given in _targets(s):
             if given and all(map(PLAIN.fullmatch, given)):
                 yield Go(s.row, Values(s.row, tuple(given)), inside)
-            elif base in own and _ELEMENT.fullmatch(target):
+                continue
+            target = text.lower()
+            base, computed = target.partition("[")[0], {*_NAME.findall(target)} & own
+            if base in own and _ELEMENT.fullmatch(target):
                 yield Go(s.row, target, inside)
             elif given or computed or _JOINTS.search(target):
                 yield Go(s.row, "", inside, f"{s.text[:60]!a}: no list of numbers")
@@ -161,19 +184,23 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
         if s.kind == "move" and not taken:
             level: Level = "error" if has_main else "note"
             yield Problem(s.row, "arm", "nothing takes the arm that is moved", level)
-        if s.kind in SIGNATURES:
-            yield from joints.check_step(s.row, SIGNATURES, s.kind, map(text_of, subtrees(s.tree)))
-        targets = _targets(s)
-        for _, text, values in targets:
-            if s.word("WAY") not in "sS" and (text[0] in '(-".' or text[0].isdigit()):
-                yield Problem(s.row, "position", f"{text[:40]} is no position")
-            if values is not None:
-                yield from joints.check_joints(s.row, values, most=8)
         moves = s.kind == "move" or _MOTION.match(s.text) is not None
-        stops = s.kind == "move" and all(how in ("@0", "@E") for how, *_ in targets)
+        stops = s.kind == "move" and all(how in ("@0", "@E") for how, *_ in _targets(s))
         measures = s.kind == "call" or (s.kind == "output" and s.text[:1].lower() == "s")
         stops = stops and not s.word("NEXT")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)
+    steps = (s for s in statements if s.kind == "move" or s.kind in SIGNATURES)
+    yield from rules.judged(steps, _check_step, lambda s: s)
+
+
+def _check_step(s: Statement) -> Iterator[Problem]:
+    if s.kind in SIGNATURES:
+        yield from joints.check_step(s.row, SIGNATURES, s.kind, map(text_of, subtrees(s.tree)))
+    for _, text, values in _targets(s):
+        if s.word("WAY") not in "sS" and (text[0] in '(-".' or text[0].isdigit()):
+            yield Problem(s.row, "position", f"{text[:40]} is no position")
+        if values is not None:
+            yield from joints.check_joints(s.row, values, most=8)
 
 
 class DensoPac(JointDialect):

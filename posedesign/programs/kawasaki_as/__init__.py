@@ -28,10 +28,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from lark import Tree
+from lark import Token, Tree
 
 from posedesign.programs import joint_programs as joints
-from posedesign.programs import language, signatures
+from posedesign.programs import language, rules, signatures
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import JOINTS, JointDialect, Notes, Standing, Stored, listed
 from posedesign.programs.language import (
@@ -161,10 +161,12 @@ def _events(statements: list[Statement]) -> Iterator[Event]:
     for s in statements:
         depth += (s.kind in ("branch", "repeat")) - (s.kind in ("end", "until"))
         inside = several or depth > 0
+        if s.kind not in ("here", "point", "move"):
+            continue
         own = [place for place in _places(s) if place[0] == "#"]
         first = _places(s)[:1] if own else []
         if s.kind in ("here", "point") and own[:1] == first and first:
-            values = [text_of(v) for t in s.all("inline") for v in nodes(t, "sum")]
+            values = s.texts(_inline)
             plain = values and all(map(joints.PLAIN.fullmatch, values))
             yield Give(
                 s.row, first[0].upper(), Values(s.row, tuple(values)) if plain else None, inside
@@ -184,7 +186,15 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
 
 
 def _places(s: Statement) -> list[str]:
-    return [text_of(place).lower() for place in s.all("place")]
+    if s.said is None:
+        s.said = [*map(str.lower, s.texts_of("place"))]
+    said: list[str] = s.said
+    return said
+
+
+def _inline(tree: Tree[Token]) -> list[Tree[Token]]:
+    """Values of a position that stands in a step."""
+    return [value for part in nodes(tree, "inline") for value in nodes(part, "sum")]
 
 
 def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
@@ -195,13 +205,17 @@ def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
     moves = [s for s in statements if s.kind == "move"]
     moved = {place for s in moves for place in _places(s)}
     arrays = {place.partition("[")[0] for place in moved if place[0] == "#" and place[-1] == "]"}
+    single: list[Statement] = []
     for s, name, values in listed:
         if counts[name] > 1 or (name[0] == "#" and len(values) != size):
             yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
         elif name[0] == "#":
-            yield from joints.check_joints(s.row, values, most=size)
+            single.append(s)
         if name.partition("[")[0] in arrays and name not in moved:
             yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
+    yield from rules.judged(
+        single, lambda s: joints.check_joints(s.row, s.words("NUMBER"), most=size), lambda s: s
+    )
     known = {*counts, *(_places(s)[0] for s in statements if s.kind in ("here", "point"))}
     for s in moves if listed else ():
         for place in set() if "(" in s.text else {*_places(s)} - known:
@@ -212,7 +226,6 @@ def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
 def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
     speed, standing = "", Standing(("BREAK", "TWAIT"))
     for s in statements:
-        first = text_of(Tree("", s.tree.children[:1]))
         if s.kind == "program":
             speed, standing = "", Standing(("BREAK", "TWAIT"))
         if s.kind == "move":
@@ -221,15 +234,21 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
             speed = speed if speed == "always" else ""
         if s.kind == "speed":
             speed = "always" if s.word("ALWAYS") else "once"
-        step = s.kind + " inside" * (
-            s.kind == "pulse" and re.fullmatch(r"2\d{3}", first) is not None
-        )
-        if step in SIGNATURES and not (s.kind == "speed" and (s.word("UNIT") or not first)):
-            given = map(text_of, subtrees(s.tree))
-            yield from joints.check_step(s.row, SIGNATURES, step, given)
+        if s.kind == "pulse":  # outputs are in two ranges
+            yield from _check_step(s)
         moves = s.kind in ("move", "taught") or bool(s.kind == "other" and _MOTION.match(s.text))
         stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)
+    steps = (s for s in statements if s.kind in ("speed", "wait"))
+    yield from rules.judged(steps, _check_step, lambda s: s)
+
+
+def _check_step(s: Statement) -> Iterator[Problem]:
+    first = text_of(Tree("", s.tree.children[:1]))
+    inside = s.kind == "pulse" and re.fullmatch(r"2\d{3}", first)  # of the controller
+    if not (s.kind == "speed" and (s.word("UNIT") or not first)):
+        given, step = map(text_of, subtrees(s.tree)), s.kind + " inside" * bool(inside)
+        yield from joints.check_step(s.row, SIGNATURES, step, given)
 
 
 class KawasakiAs(JointDialect):

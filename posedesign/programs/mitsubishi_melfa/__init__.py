@@ -40,7 +40,15 @@ from posedesign.programs import joint_programs as joints
 from posedesign.programs import language, rules, signatures
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import JOINTS, JointDialect, Notes, Standing, Stored, listed
-from posedesign.programs.language import Language, Statement, lines_of, subtrees, text_of, words
+from posedesign.programs.language import (
+    Language,
+    Node,
+    Statement,
+    lines_of,
+    subtrees,
+    text_of,
+    words,
+)
 from posedesign.programs.notation import Notation
 from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
@@ -73,8 +81,10 @@ dly seconds:number[0,]
 """)
 """What steps are given (CR1D detailed explanation of functions, 4.3)."""
 
-_Entry = tuple[str, list[Tree[Token]], str]  # name, values, flags; empty of a step
-_NONE: _Entry = ("", [], "")
+_Entry = tuple[str, list[str], bool, str]
+"""Name, values, whether they are numbers, flags; empty of a step."""
+
+_NONE: _Entry = ("", [], False, "")
 _GIVEN = re.compile(r"\b([jp]\w*)(?:\.\w+|\([^()]*\))*\s*=(?!=)", re.IGNORECASE)
 _MOVED = re.compile(r"\bmo?vs?\s+([jp]\w*)", re.IGNORECASE)
 _ANY_ORDER = re.compile(r"\b(goto|gosub|for|while|select|if\b.*\bthen$)\b", re.IGNORECASE)
@@ -90,7 +100,7 @@ def _entries(statements: list[Statement]) -> tuple[list[_Entry], bool]:
 
 
 def _found(statements: list[Statement]) -> tuple[list[_Entry], bool]:
-    numbered = any(isinstance(child, Token) for s in statements for child in s.tree.children[:1])
+    numbered = any(s.once(_has_number) for s in statements)
     found = [_entry_of(s, numbered) for s in statements]
     end = max((k for k, (name, *_) in enumerate(found) if not name), default=0)
     behind = {name.upper() for name, *_ in found[end:]} if not numbered else set()
@@ -98,15 +108,52 @@ def _found(statements: list[Statement]) -> tuple[list[_Entry], bool]:
     return [_NONE if is_step else e for e, is_step in zip(found, steps, strict=True)], numbered
 
 
-def _entry_of(statement: Statement, numbered: bool) -> _Entry:
-    body = subtrees(statement.tree)[-1:]
-    if statement.fault or len(statement.tree.children) > 1 or body[0].data != "assignment":
+def _has_number(s: Statement) -> bool:
+    return any(isinstance(child, Token) for child in s.tree.children[:1])
+
+
+def _body(tree: Tree[Token]) -> list[Tree[Token]]:
+    """What a step does, behind its number and label."""
+    return subtrees(tree)[-1:]
+
+
+def _does(s: Statement) -> str:
+    return "" if s.fault else _body(s.tree)[0].data
+
+
+def _given(tree: Tree[Token]) -> list[Tree[Token]]:
+    """What is told of a step: a target, times, percents."""
+    return [part for body in _body(tree) for part in subtrees(body)]
+
+
+def _place(tree: Tree[Token]) -> list[Tree[Token]]:
+    return _given(tree)[:1]
+
+
+def _group(tree: Tree[Token]) -> list[Tree[Token]]:
+    """Values between the brackets that a variable is given."""
+    return [value for part in _given(tree)[1:2] if part.data == "group" for value in subtrees(part)]
+
+
+def _flags(tree: Tree[Token]) -> list[Tree[Token]]:
+    return _given(tree)[2:3]
+
+
+def _are_numbers(s: Statement) -> bool:
+    return all(value.data == "number" for value in _group(s.tree))
+
+
+def _entry_of(s: Statement, numbered: bool) -> _Entry:
+    if s.once(_does) != "assignment" or s.once(_is_step):
         return _NONE
-    place, value, *flags = subtrees(body[0])
-    values = subtrees(value) if value.data == "group" else []
-    if not numbered and not (values and all(value.data == "number" for value in values)):
+    values, plain = s.texts(_group), s.once(_are_numbers)
+    if not numbered and not (values and plain):
         return _NONE
-    return text_of(place), values, text_of(flags[0]) if flags else "none"
+    return s.texts(_place)[0], values, plain, next(iter(s.texts(_flags)), "none")
+
+
+def _is_step(s: Statement) -> bool:
+    return len(s.tree.children) > 1
 
 
 def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
@@ -118,14 +165,15 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
         notes.take(row, note)
     found: list[Stored] = []
     statements = LANGUAGE.statements(text)
-    for statement, (name, values, flags) in zip(statements, _entries(statements)[0], strict=True):
+    entries = zip(statements, _entries(statements)[0], strict=True)
+    for statement, (name, values, plain, flags) in entries:
         if statement.fault and re.match(r"\s*[JPjp]\w*[^=\"']*=", statement.text):
             refuse(f"a position cannot be read: {statement.fault}", path, statement.row)
         if name[:1].upper() not in ("J", "P") or flags == ",":
             continue
-        if not all(value.data == "number" for value in values):
+        if not plain:
             refuse(f"{name} is no list of numbers", path, statement.row)
-        found.append(Stored(name, statement.row, [text_of(value) for value in values]))
+        found.append(Stored(name, statement.row, values))
     found, unread = joints.as_moved(found, _events(statements), path)
     numbered = _PLANNED if notes.mark else NO_NAME
     numbering = Numbering(numbered, mark=notes.mark, names=notes.names)
@@ -140,26 +188,25 @@ def _events(statements: list[Statement]) -> Iterator[Event]:
     """What the steps give to positions, and which ones they move to."""
     inside = any(_ANY_ORDER.search(s.text) for s in statements)
     for s, (entry, *_) in zip(statements, _entries(statements)[0], strict=True):
-        body = subtrees(s.tree)[-1:]
+        does = s.once(_does)
         if s.fault:
             yield from (Give(s.row, n, None, True) for n in _GIVEN.findall(s.text.upper()))
             yield from (Go(s.row, n, True) for n in _MOVED.findall(s.text.upper()))
-        elif body[0].data == "move":
-            yield Go(s.row, _variable(subtrees(body[0])[0]), inside)
-        elif body[0].data == "assignment" and not entry:
-            place, value, *_ = subtrees(body[0])
-            numbers = subtrees(value) if value.data == "group" else []
-            plain = len(numbers) > 1 and all(n.data == "number" for n in numbers)
-            texts = Values(s.row, tuple(map(text_of, numbers))) if plain else None
+        elif does == "move":
+            yield Go(s.row, _as_listed(s.texts(_place)[0]), inside)
+        elif does == "assignment" and not entry:
+            numbers, (place,) = s.texts(_group), s.nodes(_place)
+            plain = len(numbers) > 1 and s.once(_are_numbers)
             first, *rest = place.children
             part = any(isinstance(child, Token) for child in rest)
-            name = str(first).upper() if part else _variable(place)
-            yield Give(s.row, name, None if part else texts, inside)
+            name = str(first).upper() if part else _as_listed(text_of(place))
+            value = Values(s.row, tuple(numbers)) if plain and not part else None
+            yield Give(s.row, name, value, inside)
 
 
-def _variable(place: Tree[Token]) -> str:
+def _as_listed(place: str) -> str:
     """A variable as the list has it, elements in brackets; text that no variable has of another."""
-    return text_of(place).upper().replace("(", "[").replace(")", "]")
+    return place.upper().replace("(", "[").replace(")", "]")
 
 
 def _values_of(p: Stored, path: Path) -> dict[str, Any]:
@@ -182,7 +229,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
     names = [name.upper() for name, *_ in entries]
     counts = Counter(names)
     known = {w.upper() for s in statements for t in s.all("definition") for w in words(t, "NAME")}
-    known |= {text_of(subtrees(t)[0]).upper() for s in statements for t in s.all("assignment")}
+    known |= {s.texts(_place)[0].upper() for s in statements if s.once(_does) == "assignment"}
     moved: set[str] = set()
     step, standing = 0, Standing(("", "Dly"))
     for s, name, entry in zip(statements, names, entries, strict=True):
@@ -192,25 +239,34 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
         if name:
             yield from _check_position(s.row, entry, counts[name] > 1)
             continue
-        first, body = str(s.tree.children[0]), subtrees(s.tree)[-1]
+        first, does = s.texts(_first)[0], s.once(_does)
         own = int(first) if re.fullmatch(r"\d{1,5}", first) else 0
         if (numbered and not step < own <= 32767) or len(s.text) > 127:
             yield Problem(s.row, "step", f"step {own} behind {step}, {len(s.text)} characters")
         step = max(step, own)
-        if body.data == "move":
-            target = text_of(subtrees(body)[0]).upper()
+        if does == "move":
+            target = s.texts(_place)[0].upper()
             moved.add(target)
-            if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
+            if target not in known and re.fullmatch(r"[JP][A-Z0-9]*", target):
                 level: Level = "error" if any(names) else "note"  # lists are saved apart as well
                 yield Problem(s.row, "target", f"{target[:40]} is not in the list", level)
-        if body.data in SIGNATURES:
-            given = map(text_of, subtrees(body))
-            yield from joints.check_step(s.row, SIGNATURES, str(body.data), given)
-        does = (body.data == kind for kind in ("move", "move", "dly", "call"))
-        yield from standing.check(s.row, *does)  # an arm stops behind every move
+        if does in ("move", "dly", "call"):
+            moves = does == "move"  # and an arm stops behind every move
+            yield from standing.check(s.row, moves, moves, does == "dly", does == "call")
+    steps = (s for s, name in zip(statements, names, strict=True) if not name)
+    steps = (s for s in steps if s.once(_does) in SIGNATURES)
+    yield from rules.judged(steps, _check_step, lambda s: s)
     for s, name in zip(statements, names, strict=True):
         if name.startswith("J") and name not in moved:
             yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
+
+
+def _first(tree: Tree[Token]) -> list[Node]:
+    return tree.children[:1]
+
+
+def _check_step(s: Statement) -> Iterator[Problem]:
+    return joints.check_step(s.row, SIGNATURES, s.once(_does), s.texts(_given))
 
 
 def _level(text: str) -> Level:
@@ -224,13 +280,12 @@ def _level(text: str) -> Level:
 
 
 def _check_position(row: int, entry: _Entry, twice: bool) -> Iterator[Problem]:
-    name, values, _ = entry
+    name, values, plain, _ = entry
     turned = name[0] in "Jj"
-    plain = bool(values) and all(value.data == "number" for value in values)
-    if twice or not plain or not JOINTS * (not turned) <= len(values) <= 8:
+    if twice or not (values and plain) or not JOINTS * (not turned) <= len(values) <= 8:
         yield Problem(row, "position", f"{name[:40]} is no position, or there twice")
     elif turned:
-        yield from joints.check_joints(row, [text_of(value) for value in values], most=8, least=1)
+        yield from joints.check_joints(row, values, most=8, least=1)
 
 
 SIGNS = "signs of the joints, which are those of the robot's description"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import CalibError, InputError
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.cell.reference import reference_of
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from posedesign.acceptance import AcceptancePlan, AcceptanceRequest, RecheckPlan, Watch
     from posedesign.acceptance.drift import Recheck
     from posedesign.acceptance.file import AcceptanceFile
-    from posedesign.hand_eye import Asked, Calibrated
+    from posedesign.hand_eye import Asked, Calibrated, Sightings
     from posedesign.hand_eye.pictures import PictureSet
     from posedesign.identification import Identified
     from posedesign.identification.instruments import Measured
@@ -68,12 +68,13 @@ ACCEPTANCE_RULE = ("acceptance_test.json", "acceptance test")
 ACCEPTANCE = ("acceptance.json", "acceptance verdict")
 RECHECK_POSES = ("poses.csv", "recheck poses")
 RECHECK = ("recheck.json", "recheck")
-PLANNED, IDENTIFIED, CAMERA_DRAWN, ACCEPTANCE_DRAWN = (
+PLANNED, IDENTIFIED, CAMERA_DRAWN, CAMERA_POSES_DRAWN, ACCEPTANCE_DRAWN = (
     ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
     for stem, purpose in (
         ("plan", "figure of a plan"),
         ("identification", "figure of an identification"),
         ("camera", "figure of a calibrated camera"),
+        ("camera_poses", "figure of poses of camera and board"),
         ("acceptance", "figure of an acceptance test"),
     )
 )
@@ -112,7 +113,7 @@ def depending(poses: Path) -> str:
     if found is None:
         return ""
     from posedesign.programs import DIALECTS
-    from posedesign.programs.reading import MOST_BYTES
+    from posedesign.programs.sets import content_of
 
     names = [
         path.name
@@ -127,7 +128,7 @@ def depending(poses: Path) -> str:
         names += [
             path.name
             for path in sorted(path for path in files if path.suffix.lower() in endings)
-            if found[1] in head_of(path, MOST_BYTES)
+            if found[1] in content_of(path)
         ]
     return ", ".join(list(dict.fromkeys(names))[:_MOST_NAMED])
 
@@ -384,23 +385,40 @@ def calibrate_from_pictures(
     *,
     transforms: bool = False,
 ) -> tuple[Calibrated, list[Path]]:
-    """Calibrate a camera as :func:`calibrate_camera` does, and draw what is left over.
+    """Calibrate a camera as :func:`calibrate_camera` does, and draw pictures, poses and residuals.
 
+    Where the calibration fails, the pictures are drawn with what was found in them.
     ``transforms``: write camera, board and lens for other tools, too, where nothing looks wrong.
     Returns the files that were written with it.
     """
-    from posedesign.hand_eye import CAMERA_FILES, calibrate_camera
+    from posedesign.hand_eye import CAMERA_FILES, board_of, calibrate_camera
     from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
     from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
-    from posedesign.report.hand_eye import figure_of_camera
+    from posedesign.report.camera_poses import figure_of_poses
+    from posedesign.report.camera_sheets import CAMERA_SHEETS, write_sheets
+    from posedesign.report.hand_eye import figure_of_camera, shown_camera
 
     results = Results.of(out, "camera")
     drawn = results.claim("computed", *CAMERA_DRAWN)
+    drawn_poses = results.claim("computed", *CAMERA_POSES_DRAWN)
+    (sheets,) = results.claim("computed", CAMERA_SHEETS)
     for_others = results.claim("computed", *LENS_FILES) if transforms else []
     placed = claim_transforms(results) if transforms else []
-    found = calibrate_camera(cell, pictures, asked, results, advance)
+    looked: dict[str, Sightings] = {}
+    try:
+        found = calibrate_camera(cell, pictures, asked, results, advance, looked.__setitem__)
+    except CalibError as error:
+        if looked:
+            board = asked.board or board_of(cell)
+            write_sheets(sheets, pictures, looked, board, error)
+            shown = f"{sheets.path} shows what was found in each picture"
+            error.hint = f"{error.hint}; {shown}" if error.hint else shown
+        raise
     draw(results, drawn, lambda: figure_of_camera(found.result))
-    files = [results.folder / name for name, _ in (*CAMERA_FILES, CAMERA_DRAWN[0])]
+    draw(results, drawn_poses, lambda: figure_of_poses(shown_camera(found)))
+    write_sheets(sheets, pictures, looked, found.board, found)
+    own = (*CAMERA_FILES, CAMERA_DRAWN[0], CAMERA_POSES_DRAWN[0], CAMERA_SHEETS)
+    files = [results.folder / name for name, _ in own]
     if transforms and found.result.is_ok and len(pictures) == 1:
         info, opencv = for_others
         write_text_atomic(info, camera_info(found.result.lens))

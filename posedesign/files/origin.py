@@ -1,8 +1,8 @@
 """Where a file comes from: what it is, who wrote it from what and when, and whether it was changed.
 
 One line in the file itself says it, so that it goes where the file goes: a comment before a table,
-a key of JSON, a comment of TOML or XML, a text in a PNG. At its end stands a digest of the whole
-file, with zeros in place of the digest; a file with another digest was changed by a person.
+a key of JSON, a comment of TOML, XML or PDF, a text in a PNG. At its end stands a digest of the
+whole file, with zeros in place of the digest; a file with another digest was changed by a person.
 """
 
 from __future__ import annotations
@@ -38,6 +38,10 @@ _LINE = re.compile(rb"\b(?:origin|line)\W{1,4}[a-z]+ [^\n]{1,3000}? digest ([0-9
 _INPUT = re.compile(r"(\S+) \(([0-9a-f]{8})\)")
 _PNG, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", 33
 """How a PNG begins, and the bytes up to the end of its first chunk (PNG, 2nd ed., 5.2, 11.2.2)."""
+
+
+_PDF_ENTRY = re.compile(rb"(\d{10})(?= \d{5} n)")
+"""Where an object begins, in the table of a PDF (PDF 1.7, 7.5.4)."""
 
 
 @dataclass(frozen=True)
@@ -136,8 +140,9 @@ def checksum(path: Path) -> str:
 def stamped(data: bytes, name: str, origin: Origin) -> bytes:
     """The content of a file with its origin, as the ending of its name has comments.
 
-    ``data``: text in UTF-8, or a PNG. ``name``: of the file: ``.csv``, ``.toml``, ``.yaml``,
-    ``.json`` (an object), ``.urdf``, ``.xml``, ``.launch``, ``.html``, ``.svg`` or ``.png``.
+    ``data``: text in UTF-8, a PNG, or a PDF with one table of its objects. ``name``: of the file:
+    ``.csv``, ``.toml``, ``.yaml``, ``.json`` (an object), ``.urdf``, ``.xml``, ``.launch``,
+    ``.html``, ``.svg``, ``.png`` or ``.pdf``.
     """
     line = f"{origin} digest {'0' * _DIGITS}"
     ending = Path(name).suffix.lower()
@@ -148,6 +153,8 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
         text = b"tEXtComment\0" + f"origin: {line}".encode()
         chunk = struct.pack(">I", len(text) - 4) + text + bytes(4)
         data = data[:_PNG_HEAD] + chunk + data[_PNG_HEAD:]
+    elif ending == ".pdf":
+        data = _with_comment(data, f"% origin: {line}\n".encode())
     elif ending in (".urdf", ".xml", ".launch", ".html", ".svg"):
         declared = re.match(rb"(?i)<(?:\?xml|!doctype)[^>]*>\s*", data)
         at = declared.end() if declared else 0
@@ -155,6 +162,21 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
     else:
         data = f"# origin: {line}\n".encode() + data
     return _with_digest(data, _digest(data))
+
+
+def _with_comment(data: bytes, comment: bytes) -> bytes:
+    """A PDF with a comment more at its beginning, and a table of where its objects are now.
+
+    ``data``: with one table, as it is written the first time (PDF 1.7, 7.5).
+    """
+    begins = re.match(rb"(?:%[^\n]*\n)+", data)
+    at = begins.end() if begins else 0
+    before, mark, end = data.rpartition(b"startxref\n")
+    start, _, rest = end.partition(b"\n")
+    table = int(start)
+    moved = _PDF_ENTRY.sub(lambda entry: b"%010d" % (int(entry[1]) + len(comment)), before[table:])
+    start = b"%d" % (table + len(comment))
+    return b"".join((data[:at], comment, before[at:table], moved, mark, start, b"\n", rest))
 
 
 def _with_digest(data: bytes, digest: str) -> bytes:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from posedesign.hand_eye.calibration import Calibrated as Calibrated
     from posedesign.hand_eye.calibration import Sightings as Sightings
     from posedesign.hand_eye.calibration import as_calibrated as as_calibrated
+    from posedesign.hand_eye.calibration import board_of as board_of
     from posedesign.hand_eye.calibration import calibrate_camera as calibrate_camera
     from posedesign.hand_eye.calibration import find_boards as find_boards
 else:

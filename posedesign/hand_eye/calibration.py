@@ -42,13 +42,14 @@ from calib.se3 import (
     wpr_from_rotation,
 )
 from calib.vision.boards import Board, BoardSighting, detect_board
+from calib.vision.camera.rendering import GreyImage
 from posedesign.cell import Cell
 from posedesign.cell.data import CameraFound
 from posedesign.cell.models import everything, robot_blocks
 from posedesign.cell.reference import USUAL_SIZES
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
-from posedesign.files.pictures import read_grey
+from posedesign.files.pictures import read_grey, small_picture
 from posedesign.files.postures import external_as_dict
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
@@ -58,6 +59,8 @@ from posedesign.hand_eye.pairs.readings import FEWEST_PAIRS, Sides, misfit_of, t
 from posedesign.hand_eye.pictures import PictureSet
 
 Advance = Callable[[str, float], None]
+Look = Callable[[str, "Sightings"], None]
+"""Is told what the pictures of a camera show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,7 @@ class Sightings:
     pixels: FloatArray
     """(N, K, 2): from the left upper corner of the image; NaN where a point is not seen."""
     reasons: tuple[str, ...]  # why a picture shows none of them; empty where it shows some
+    thumbnails: tuple[GreyImage, ...] = ()  # the pictures, small
 
     @property
     def shown(self) -> int:
@@ -82,12 +86,15 @@ def find_boards(
     Raises FileFormatError: a picture that cannot be read.
     """
     found: list[BoardSighting] = []
+    thumbnails: list[GreyImage] = []
     for k, path in enumerate(paths):
         advance(path.name, k / max(len(paths), 1))
-        found.append(detect_board(read_grey(path), board))
+        picture = read_grey(path)
+        found.append(detect_board(picture, board))
+        thumbnails.append(small_picture(picture))
     pixels = np.array([one.pixels for one in found]).reshape(len(paths), len(board.points), 2)
     reasons = ["" if one.is_ok else f"{one.status}: {one.message}" for one in found]
-    return Sightings(pixels, tuple(reasons))
+    return Sightings(pixels, tuple(reasons), tuple(thumbnails))
 
 
 CAMERA_FILES = (
@@ -125,6 +132,11 @@ class Calibrated:
     asked: Asked
     board: Board
     reasons: tuple[str, ...]  # why a picture does not show the board; empty where it does
+    pixels: FloatArray
+    """(N, K, 2): points of all pictures, also of those that were not used; NaN where not seen."""
+    T_base_flange: FloatArray
+    """(N, 4, 4): pose of the flange by the arm, as its controller has it [m]; NaN where not known.
+    """
     postures: FloatArray  # (N, n): of each picture [rad]; NaN where it is not known
     with_joints: bool  # whether they are joint values, and not poses of the flange
     notes: tuple[str, ...] = ()  # what is odd about the files
@@ -153,10 +165,12 @@ def calibrate_camera(
     asked: Asked,
     out: Path | Results,
     advance: Advance = lambda what, part: None,
+    look: Look = lambda camera, found: None,
 ) -> Calibrated:
     """Find the board, estimate, and write ``camera.json`` and the tables beside it.
 
-    ``pictures``: by the name of the camera; ``camera`` where there is one. Raises InputError: no
+    ``pictures``: by the name of the camera; ``camera`` where there is one. ``look`` is called with
+    what the pictures of each camera show, before the estimate. Raises InputError: no
     poses, no board in the pictures, or nothing that fits them. NotIdentifiableError: the motion, or
     the views, do not tell what is asked for.
     """
@@ -168,6 +182,7 @@ def calibrate_camera(
         _check_poses(cell, shown, asked)
         part = _part(advance, len(reasons) / count, len(shown.paths) / count)
         found = find_boards(shown.paths, board, part)
+        look(camera, found)
         if not found.shown:
             raise InputError(
                 f"none of {len(shown.paths)} pictures shows the board: {shown.names[0]}: "
@@ -196,13 +211,26 @@ def calibrate_camera(
         asked,
         board,
         tuple(reasons),
+        # pictures that were used have their points in the order of the board
+        np.where(
+            np.isfinite(result.pixels), result.pixels, np.concatenate([one.pixels for one in sets])
+        ),
+        np.concatenate([_flange_poses(one) for one in sets]),
         np.concatenate([one.postures for one in sets]),
         with_joints,
         tuple(dict.fromkeys(notes)),
         cell.robot.external,
     )
-    _write(calibrated, sets, claims)
+    _write(calibrated, claims)
     return calibrated
+
+
+def _flange_poses(pictures: Pictures) -> FloatArray:
+    """Poses of the flange ``(N, 4, 4)`` [m]; NaN where the posture is not known."""
+    T = np.full((len(pictures.postures), 4, 4), np.nan)
+    known = np.isfinite(pictures.postures).all(axis=1)
+    T[known] = pictures.robot.fk(pictures.postures[known])
+    return T
 
 
 def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
@@ -358,18 +386,12 @@ def _seen(
     )
 
 
-def _write(calibrated: Calibrated, sets: Sequence[Pictures], claims: Sequence[Claim]) -> None:
+def _write(calibrated: Calibrated, claims: Sequence[Claim]) -> None:
     camera, each, points = claims
-    result = calibrated.result
+    result, pixels = calibrated.result, calibrated.pixels
     write_json_atomic(camera, result_as_dict(calibrated))
-    rows = [
-        row | {"reason": reason}
-        for row, reason in zip(result.rows(), calibrated.reasons, strict=True)
-    ]
+    rows = picture_rows(calibrated)
     write_table(each, list(rows[0]), rows)
-    found = np.concatenate([one.pixels for one in sets])
-    # pictures that were used have their points in the order of the board
-    pixels = np.where(np.isfinite(result.pixels), result.pixels, found)
     seen = np.argwhere(np.isfinite(pixels).all(axis=-1)).tolist()
     left = result.residuals_px
     write_table(
@@ -387,6 +409,31 @@ def _write(calibrated: Calibrated, sets: Sequence[Pictures], claims: Sequence[Cl
             for i, k in seen
         ],
     )
+
+
+OFF_AXES = tuple(
+    f"off_{turn}{axis}_{unit}" for turn, unit in (("", "mm"), ("r", "deg")) for axis in "xyz"
+)
+"""Columns of the deviation of each picture along and about the axes of the base."""
+
+
+def picture_rows(calibrated: Calibrated) -> list[dict[str, object]]:
+    """One row a picture: what it shows, how well that fits, and why it was left out.
+
+    The deviation is of the board: where the camera sees its middle, less where the arm has it.
+    """
+    result = calibrated.result
+    # an arm with the camera that stands farther to the left sees the board farther to the right
+    side = 1.0 if result.carried == "board" else -1.0
+    off = side * result.off * np.repeat([1e3, np.rad2deg(1.0)], 3)
+    points = np.isfinite(calibrated.pixels).all(axis=-1).sum(axis=1)
+    rows = []
+    for row, reason, count, each in zip(
+        result.rows(), calibrated.reasons, points.tolist(), off.tolist(), strict=True
+    ):
+        first = {"picture": row["picture"], "status": row["status"], "reason": reason}
+        rows.append(first | {"points": count} | row | dict(zip(OFF_AXES, each, strict=True)))
+    return rows
 
 
 def _or_none(value: float) -> float | None:
@@ -411,6 +458,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     return {
         "camera": calibrated.asked.camera,
         "board": calibrated.board.words,
+        "board_box_mm": (1e3 * calibrated.board.box).tolist(),
         "ok": result.is_ok,
         "warnings": list(result.warnings),
         **{frame.name: frame_as_dict(frame) for frame in result.frames},
@@ -433,7 +481,12 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
             "units": [DISPLAY[unit][0] for unit in result.estimate.units],
             "matrix": (result.estimate.covariance * np.outer(factor, factor)).tolist(),
         },
-        "pictures": result.rows(),
+        "pictures": picture_rows(calibrated),
+        "flange_poses": {
+            name: T.tolist()
+            for name, T in zip(result.names, calibrated.T_base_flange, strict=True)
+            if np.isfinite(T).all()
+        },
         **({"joints_deg": joints} if joints else {}),
         **(external_as_dict(calibrated.external) if joints else {}),
     }

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +30,9 @@ MOST_NUMBERS = 60
 
 MOST_NAMED = 10
 """Outliers that are named."""
+
+LONGEST_NAME = 20
+"""Letters of a name that is written beside an axis."""
 
 WIDTH_IN, DPI = 8.0, 130
 
@@ -82,6 +87,14 @@ def _take_as_written(figure: Figure) -> None:
             text.set_parse_math(False)
 
 
+@contextmanager
+def _any_letters() -> Iterator[None]:
+    """Draw letters that the font does not have, of names from files, as boxes and say nothing."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing", UserWarning)
+        yield
+
+
 _OF_TICKS = r"\mathdefault"
 """Stands in the powers of ten that axes write."""
 
@@ -93,12 +106,13 @@ def as_png(figure: Figure) -> bytes:
     _take_as_written(figure)
     data = io.BytesIO()
     engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.execute(figure)
-        # another time takes as long as drawing, and moves nothing by a tenth of a pixel
-        figure.set_layout_engine("none")
-    # `savefig` would draw all of it once more before
-    FigureCanvasAgg(figure).print_png(data)  # type: ignore[no-untyped-call]
+    with _any_letters():
+        if engine is not None:
+            engine.execute(figure)
+            # another time takes as long as drawing, and moves nothing by a tenth of a pixel
+            figure.set_layout_engine("none")
+        # `savefig` would draw all of it once more before
+        FigureCanvasAgg(figure).print_png(data)  # type: ignore[no-untyped-call]
     return data.getvalue()
 
 
@@ -109,7 +123,8 @@ def as_svg(figure: Figure) -> str:
 
     _take_as_written(figure)
     text = io.StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "posedesign"}):
+    own = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "posedesign"})
+    with own, _any_letters():
         # the same, of which `savefig` would draw all before
         FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
             text, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -215,10 +230,23 @@ def residuals_by_pose(
     panel.set_ylabel(f"residual [{unit}]")
     if all((values > 0).all() for values in residuals.values()):
         log_y(panel, panel.get_ylabel())
-    # each pose by its name as long as there is room, every so many of hundreds
-    step = max(1, -(-len(names) // (40 if len(names) <= 80 else 20)))
-    panel.set_xticks(at[::step], list(names)[::step], rotation=90, fontsize=7, parse_math=False)
+    name_ticks(panel, names)
     panel.legend(fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+
+
+def name_ticks(panel: Axes, names: Sequence[str]) -> None:
+    """Name poses along x, each as long as there is space, every so many of hundreds."""
+    step = max(1, -(-len(names) // (40 if len(names) <= 80 else 20)))
+    at = range(0, len(names), step)
+    panel.set_xticks(
+        at, [shortened(names[k]) for k in at], rotation=90, fontsize=7, parse_math=False
+    )
+
+
+def shortened(name: str, letters: int = LONGEST_NAME) -> str:
+    """Return a name without its middle where it is too long: both ends tell it apart."""
+    half = letters // 2
+    return name if len(name) <= letters else f"{name[:half]}…{name[-half:]}"
 
 
 def residuals_by_joint(

@@ -9,7 +9,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.hand_eye.calibration import lens_as_dict, parameter_rows
+from posedesign.files import plain
+from posedesign.hand_eye.calibration import (
+    OFF_AXES,
+    lens_as_dict,
+    parameter_rows,
+    picture_rows,
+    result_as_dict,
+)
 from posedesign.hand_eye.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
@@ -77,9 +84,18 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
             for frame in result.frames
             for form, text in forms_of(frame.T, frame.parent, frame.label).items()
         ],
-        tables=[Table("Parameters", parameter_rows(result)), Table("Pictures", result.rows())],
+        tables=[
+            Table("Parameters", parameter_rows(result)),
+            Table("Pictures", _printed(calibrated)),
+        ],
         files=files,
     )
+
+
+def _printed(calibrated: Calibrated) -> list[dict[str, object]]:
+    """Rows of pictures without the columns that are drawn, and reasons, which are notes."""
+    passed = {"reason", *OFF_AXES}
+    return [{k: row[k] for k in row if k not in passed} for row in picture_rows(calibrated)]
 
 
 def _with_arm(result: HandEyeResult) -> str:
@@ -159,9 +175,15 @@ def _rms(values: FloatArray, used: np.ndarray) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
+Row = tuple[float, float, float, float]
+Matrix = tuple[Row, Row, Row, Row]
+"""A transform in a file [m]."""
+
+
 class Frame(BaseModel):
     """What a camera.json has of a transform."""
 
+    matrix_m: Matrix
     xyz_mm: tuple[float, float, float]
     wpr_deg: tuple[float, float, float]
     sigma_xyz_mm: tuple[float, float, float]
@@ -173,10 +195,31 @@ class Shown(BaseModel):
 
     picture: str
     status: str
+    reason: str = ""
+    points: int | None = None
     rms_px: float | None = None
     left_out_px: float | None = None
     off_mm: float | None = None
     off_deg: float | None = None
+    off_x_mm: float | None = None
+    off_y_mm: float | None = None
+    off_z_mm: float | None = None
+    off_rx_deg: float | None = None
+    off_ry_deg: float | None = None
+    off_rz_deg: float | None = None
+
+    @property
+    def is_used(self) -> bool:
+        """Return True if the estimate rests on it."""
+        return self.status == "used"
+
+    @property
+    def off(self) -> FloatArray:
+        """Deviation of the board along [mm] and about [deg] the axes of the base ``(6,)``.
+
+        NaN where it is not known.
+        """
+        return np.array([getattr(self, key) for key in OFF_AXES], dtype=float)
 
 
 class Noise(BaseModel):
@@ -185,6 +228,17 @@ class Noise(BaseModel):
     pixel_sigma: float
     arm_sigma_mm: float
     arm_sigma_deg: float
+
+
+class LensShown(BaseModel):
+    """What it has of a lens."""
+
+    width_px: int
+    height_px: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
 
 
 class CorrectedShown(BaseModel):
@@ -207,6 +261,10 @@ class CameraFile(BaseModel):
 
     ok: bool
     board: str
+    board_box_mm: tuple[float, float, float, float] | None = None
+    flange_poses: dict[str, Matrix] = {}
+    lens: LensShown | None = None
+    lenses: dict[str, LensShown] = {}
     warnings: list[str] = []
     noise: Noise
     point_sigma_mm: float
@@ -222,9 +280,14 @@ class CameraFile(BaseModel):
         return {k: Frame.model_validate(more[k]) for k in more if k.startswith("T_")}
 
 
+def shown_camera(calibrated: Calibrated) -> CameraFile:
+    """Return what a page shows of a result, as its camera.json has it."""
+    return CameraFile.model_validate(plain(result_as_dict(calibrated)))
+
+
 def lines_of_camera(file: CameraFile) -> list[str]:
     """What a camera.json says, in sentences, the verdict first."""
-    used = sum(one.status == "used" for one in file.pictures)
+    used = sum(one.is_used for one in file.pictures)
     state = "calibrated" if file.ok else "not to be trusted"
     lines = [f"{state}: camera and board from {used} of {len(file.pictures)} pictures"]
     lines += [
@@ -252,6 +315,11 @@ def lines_of_camera(file: CameraFile) -> list[str]:
     return lines + [f"warning: {text}" for text in file.warnings] + [file.board]
 
 
+def short(value: float) -> str:
+    """A size to two digits, without powers of ten."""
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.2g}"
+
+
 def _three(values: tuple[float, float, float]) -> str:
     return ", ".join(f"{value:.3f}" for value in values)
 
@@ -265,7 +333,7 @@ def figure_of_pictures(pictures: Sequence[Shown]) -> Figure:
         [one.picture for one in known],
         np.array([one.rms_px or np.nan for one in known]),
         np.array([np.nan if one.left_out_px is None else one.left_out_px for one in known]),
-        np.array([one.status != "used" for one in known]),
+        np.array([not one.is_used for one in known]),
     )
     return figure
 

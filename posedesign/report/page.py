@@ -47,6 +47,8 @@ from posedesign.report.acceptance import (
     rule_lines,
 )
 from posedesign.report.answer import Answer, Table, expected_words
+from posedesign.report.camera_poses import figure_of_poses
+from posedesign.report.camera_sheets import CAMERA_SHEETS
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
 from posedesign.report.plans import (
@@ -76,7 +78,8 @@ _POSE_COLUMNS = (
 class Section:
     """A part of the page: words first, then figures, then tables.
 
-    ``figures`` are elements of SVG, each with what it shows; ``scene`` is a page of its own.
+    ``figures`` are elements of SVG, each with what it shows; ``scene`` is a page of its own;
+    ``link`` is the name of a file beside the page.
     """
 
     title: str
@@ -84,6 +87,7 @@ class Section:
     figures: list[tuple[str, str]] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
     scene: str = ""
+    link: str = ""
 
 
 def write_report(folder: Path, out: Results) -> Path:
@@ -397,6 +401,12 @@ def _section_of_camera(folder: Path) -> Section:
     if any(one.rms_px is not None for one in file.pictures):
         svg = figures.as_svg(figure_of_pictures(file.pictures))
         section.figures.append(("Residuals of the pictures", svg))
+    placed = figure_of_poses(file)
+    if placed is not None:
+        caption = "Poses of camera and board, and the board as each picture shows it"
+        section.figures.append((caption, figures.as_svg(placed)))
+    if (folder / CAMERA_SHEETS[0]).is_file():
+        section.link = CAMERA_SHEETS[0]
     section.tables.append(Table("Parameters", file.parameters))
     section.tables.append(Table("Pictures", [one.model_dump() for one in file.pictures]))
     return section

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from posedesign.files import (
 )
 from posedesign.files.csv_tables import read_table, write_table
 from posedesign.files.origin import Origin, is_simulated, read_whole
+from posedesign.report.pdf import Page, as_pdf
 
 POSES = ("poses.csv", "poses")
 
@@ -35,6 +37,7 @@ CONTENTS = {
     "a.json": b'{\n  "a": 1\n}\n',
     "a.urdf": b'<?xml version="1.0"?>\n<robot name="a"><link name="b"/></robot>\n',
     "a.png": png(),
+    "a.pdf": as_pdf([Page(100.0, 100.0)], "a"),
 }
 
 
@@ -68,6 +71,10 @@ def test_other_programs_read_the_files(tmp_path):
     picture = Image.open(tmp_path / "a.png")
     picture.verify()
     assert "trials by try" in picture.info["Comment"]
+    data = (tmp_path / "a.pdf").read_bytes()
+    objects = re.findall(rb"(\d{10}) 00000 n ", data)
+    assert all(data[int(at) :].startswith(b"%d 0 obj" % k) for k, at in enumerate(objects, 1))
+    assert data[int(re.search(rb"startxref\n(\d+)", data)[1]) :].startswith(b"xref\n")
     assert (tmp_path / "a.urdf").read_text().splitlines()[1].startswith("<!-- origin: ")
 
 

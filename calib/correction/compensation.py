@@ -19,6 +19,7 @@ from calib.errors import InputError, JointLimitError
 from calib.model import CalibrationModel, Setup
 from calib.model.context import MeasurementContext
 from calib.robots import InverseSolutions, Robot
+from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.robots.inverse.solutions import damped_step
 from calib.se3 import BoolArray, FloatArray, check_transforms, inverse, rotation_log, transform
 
@@ -212,24 +213,34 @@ def _newton(
 ) -> tuple[FloatArray, FloatArray]:
     """Commands ``(N, n)`` from postures, and the twists ``(N, 6)`` [m, rad] that remain.
 
-    The best command of the way is kept: where there is no solution, steps go to and fro.
+    The best command of the way is kept: where there is no solution, steps go to and fro. An arm of
+    fewer than six joints brings the point there, moved as little as that takes.
     """
+    rows = _rows(model.robot)
     best, left, stale = q, np.full((len(q), 6), np.inf), 0
     for _ in range(_ITERATIONS):
         view = model.view(q, x, setup)
         at = _taken(view, point)
         turn = rotation_log(wanted[:, :3, :3] @ np.swapaxes(at[:, :3, :3], -1, -2))
         twist = np.concatenate([wanted[:, :3, 3] - at[:, :3, 3], turn], axis=1)
-        size = np.abs(twist).max(axis=1)
-        better = size < np.abs(left).max(axis=1)
+        size = np.abs(twist[:, rows]).max(axis=1)
+        better = size < np.abs(left[:, rows]).max(axis=1)
         best, left = np.where(better[:, None], q, best), np.where(better[:, None], twist, left)
         stale = 0 if better.any() else stale + 1
-        if stale == _PATIENCE or np.abs(left).max() < _ENOUGH:
+        if stale == _PATIENCE or np.abs(left[:, rows]).max() < _ENOUGH:
             break
-        J = _jacobian(view, at[:, :3, 3])
-        damping = _DAMPING * np.sum(twist**2, axis=1) + 1e-14
-        q = q + damped_step(J, twist, damping, _LARGEST_STEP_RAD)
+        J, right = _jacobian(view, at[:, :3, 3])[:, rows], twist[:, rows]
+        damping = _DAMPING * np.sum(right**2, axis=1) + 1e-14
+        q = q + damped_step(J, right, damping, _LARGEST_STEP_RAD)
     return best, left
+
+
+def _rows(robot: Robot) -> slice:
+    """Return the rows of twists that the joints can correct: of the point alone by fewer than six.
+
+    What it cannot turn is as the arm is built.
+    """
+    return slice(0, 3 if robot.n < AXES_OF_A_POSE else 6)
 
 
 def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
@@ -241,7 +252,7 @@ def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
     axes = np.stack([view.axis(j).T for j in range(view.robot.n)], axis=1)  # (N, n, 3)
     origins = view.walk.origins.transpose(2, 0, 1)
     linear = np.cross(axes, points[:, None] - origins)
-    slides = external.sliding
+    slides = view.robot.sliding
     linear[:, slides], axes[:, slides] = axes[:, slides], 0.0
     if view.robot.n - external.count >= _ENOUGH_JOINTS:
         linear[:, : external.count] = axes[:, : external.count] = 0.0
@@ -258,7 +269,7 @@ def _verdict(
 ) -> tuple[Status, str]:
     if not np.isfinite(q).all():
         return "no posture", _no_posture(robot, solved, pose)
-    if not (error_m <= CLOSED and error_rad <= CLOSED):
+    if not (error_m <= CLOSED and (error_rad <= CLOSED or robot.n < AXES_OF_A_POSE)):
         return (
             "not reached",
             f"{error_m * 1e3:.3g} mm and {np.rad2deg(error_rad):.3g} deg remain: out of reach, or "

@@ -308,10 +308,13 @@ def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, Floa
     """Largest distance of bodies (B, n) from every axis inside, and outside, of their link [m].
 
     A slide moves all alike, by as much as itself; how far bodies on one side of it are from axes
-    on the other is not bounded by the links. All slides are next to each other, so that of the two
-    ways to bound the motion across a joint one passes none.
+    on the other is not bounded by the links. Slides that carry the arm are next to each other, so
+    that of the two ways to bound the motion across a joint one passes none. Slides of the arm
+    itself lengthen their links by their strokes.
     """
     n, slides = chain.n, chain.external.sliding
+    stroke = np.zeros(n)
+    stroke[[chain.external.count + k for k in chain.external.arm_slides]] = chain.strokes_m
     step = chain.placements[:, :3, 3]  # from each joint to the next, in axes of the link between
     length = np.linalg.norm(step, axis=-1)
     axis_inside = (chain.placements[:, :3, :3] @ chain.axes[:, :, None])[..., 0]
@@ -327,22 +330,22 @@ def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, Floa
         for k in range(n):
             if k <= own:
                 found, axis, seen = outward, chain.axes[k], points
-                first, between = k + 1, length[k + 2 : own + 1]
+                first, between, slid = k + 1, length[k + 2 : own + 1], stroke[k + 1 : own + 1]
             else:  # seen from the next joint outside
                 found, axis, seen = inward, axis_inside[k], points - step[own + 1]
-                first, between = k, length[own + 2 : k]
+                first, between, slid = k, length[own + 2 : k], stroke[own + 1 : k]
             if k in (own, own + 1):
                 found[b, k] = _off_axis(seen, axis) + radius
             else:
-                far = np.linalg.norm(seen, axis=-1).max() + radius
+                far = np.linalg.norm(seen, axis=-1).max() + radius + slid.sum()
                 found[b, k] = _off_axis(step[first][None], axis) + between.sum() + far
         if chain.external.slides:
             if own < slides.stop - 1:
                 inward[b, slides.stop :] = np.inf
             if own >= slides.start:
                 outward[b, : slides.start] = np.inf
-    if chain.external.slides:
-        outward[:, slides] = inward[:, slides] = 1.0
+    every = chain.external.slides_of(n)
+    outward[:, every] = inward[:, every] = 1.0
     return outward, inward
 
 

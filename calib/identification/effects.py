@@ -289,7 +289,7 @@ def incomplete(held: Held) -> list[Tried]:
     bare = held_at(model.with_prior(prior), held.data, held.x)
     view, n, found = bare.linear.view, model.robot.n, []
     tried = float(np.log(n * len(WAVES) + 1))
-    for joint in range(model.robot.n_external, n):
+    for joint in np.flatnonzero(model.robot.arm_turns).tolist():
         turn = np.zeros((6, view.q.shape[1]))
         view.turn_about(view.axis(joint), view.walk.origins[joint], turn)
         for wave in WAVES:

@@ -38,11 +38,13 @@ class ExternalAxes:
 
     A rail, a gantry or a lift carries the arm. A positioner carries what is measured, and with it
     the base that everything is seen from: its joints come first, in the order from there to the
-    floor, and each moves what is behind it the other way round.
+    floor, and each moves what is behind it the other way round. Joints of the arm itself that
+    slide (the quill of a SCARA, the axes of a Cartesian robot) are told here, too.
     """
 
     positioner: int = 0  # how many turn: the first ones
     slides: int = 0  # how many slide, behind those
+    arm_slides: tuple[int, ...] = ()  # joints of the arm that slide, counted from 0
 
     @property
     def count(self) -> int:
@@ -51,13 +53,19 @@ class ExternalAxes:
 
     @property
     def sliding(self) -> slice:
-        """Which of the joints of a chain slide."""
+        """Which of the joints of a chain are slides that carry the arm."""
         return slice(self.positioner, self.count)
+
+    @property
+    def any_slides(self) -> bool:
+        """Return True if a joint of the chain slides."""
+        return bool(self.slides or self.arm_slides)
 
     def slides_of(self, n: int) -> BoolArray:
         """Whether each of n joints slides, ``(n,)``."""
         found = np.zeros(n, dtype=bool)
         found[self.sliding] = True
+        found[[j for k in self.arm_slides if (j := self.count + k) < n]] = True
         return found
 
     @property
@@ -116,8 +124,8 @@ class ChainState:
         for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             J[..., k, :] = axes[..., i, :] * levers[..., j, :] - axes[..., j, :] * levers[..., i, :]
         J[..., 3:, :] = axes
-        if self.external.slides:
-            slides = self.external.sliding
+        if self.external.any_slides:
+            slides = self.external.slides_of(axes.shape[-1])
             J[..., :3, slides] = axes[..., slides]
             J[..., 3:, slides] = 0.0
         return J
@@ -165,7 +173,7 @@ class _Joint:
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """n joints in a row: external axes, then those of the arm, which turn.
+    """n joints in a row: external axes, then those of the arm.
 
     External axes move all of the arm against the base, so that what is known of the arm (its
     branches, its controller's view) holds wherever they are.
@@ -176,7 +184,10 @@ class SerialChain:
     axes: FloatArray  # (n, 3): unit vector of each joint axis in its own frame
     T_link_tip: FloatArray  # (4, 4): the tip in the frame of the last link
     external: ExternalAxes = NO_EXTERNAL_AXES
-    """What moves the arm: values of slides are in metres where those of others are in radians."""
+    """What moves the arm, and which joints of the arm slide: values of slides are in metres where
+    those of others are in radians."""
+    strokes_m: tuple[float, ...] = ()
+    """Largest distance [m] of each of ``external.arm_slides`` from its zero, by its limits."""
 
     @cached_property
     def arm(self) -> SerialChain:
@@ -188,7 +199,8 @@ class SerialChain:
         for placement in self.placements[: count + 1]:
             first = first @ placement
         placements = np.concatenate([first[None], self.placements[count + 1 :]])
-        return SerialChain(placements, self.axes[count:], self.T_link_tip)
+        own = ExternalAxes(arm_slides=self.external.arm_slides)
+        return SerialChain(placements, self.axes[count:], self.T_link_tip, own, self.strokes_m)
 
     def at_rest(self, T_base: FloatArray, external: FloatArray) -> FloatArray:
         """Poses ``(..., 4, 4)`` as :attr:`arm` sees them, of external axes at ``(..., count)``.
@@ -231,11 +243,12 @@ class SerialChain:
     def reach_m(self) -> float:
         """Length of the stretched arm from its second turning axis to the tip, an upper bound.
 
-        The sum of the shortest steps from axis to axis: where along its axis the frame of a joint
-        is described changes nothing.
+        The sum of the shortest steps from axis to axis, and of how far its own slides go: where
+        along its axis the frame of a joint is described changes nothing.
         """
         points, _ = self._near_points
-        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        return float(steps.sum()) + sum(self.strokes_m)
 
     @cached_property
     def outlying(self) -> FloatArray:
@@ -252,11 +265,14 @@ class SerialChain:
     def smallest_singular_values(self, state: ChainState) -> FloatArray:
         """How far states ``(S, ...)`` are from a singularity, ``(S,)``: zero is in one.
 
-        The smallest singular value of the tip's Jacobian by the joints that turn, its linear rows
-        divided by the reach.
+        The smallest singular value of the tip's Jacobian by the joints of the arm, its linear rows
+        divided by the reach. What slides moves in parts of the reach, too.
         """
         J = state.jacobian(state.p_base_tip)[..., self.external.count :]
-        J[..., :3, :] /= self.reach_m if self.reach_m > 0 else 1.0
+        size = self.reach_m if self.reach_m > 0 else 1.0
+        J[..., :3, :] /= size
+        if self.external.arm_slides:
+            J[..., :3, list(self.external.arm_slides)] *= size
         return np.asarray(np.linalg.svd(J, compute_uv=False)[..., -1])
 
     @property
@@ -300,7 +316,7 @@ class SerialChain:
         """
         count = q.shape[1]
         sines, cosines = np.sin(q), np.cos(q)
-        if count == 1 and not displaced and not self.external.slides:
+        if count == 1 and not displaced and not self.external.any_slides:
             return self._walk_one(sines[:, 0].tolist(), cosines[:, 0].tolist())
         columns, origins = np.empty((self.n, 3, 3, count)), np.empty((self.n, 3, count))
         before = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count))
@@ -383,8 +399,8 @@ class SerialChain:
             np.multiply(axes[:, i], levers[:, j], out=J[k])
             J[k] -= axes[:, j] * levers[:, i]
         J[3:] = axes.transpose(1, 0, 2)
-        if self.external.slides:
-            slides = self.external.sliding
+        if self.external.any_slides:
+            slides = self.external.slides_of(self.n)
             J[:3, slides], J[3:, slides] = J[3:, slides], 0.0
         return J
 

@@ -285,24 +285,14 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
             value=len(joints),
             bound=MOST_JOINTS,
         )
-    turned = False
     for i in joints:
-        carries = i in path.positioner
         name, turns = model.names[i], model.joints[i].shortname().startswith("JointModelR")
-        turned |= turns and not carries
         if not (turns or is_slide(model, i)):
             raise _joint_error(
                 model,
                 name,
                 "is neither revolute nor prismatic",
                 "name another base or tip, or hold the joint at zero with lock",
-            )
-        if turned and not turns:
-            raise _joint_error(
-                model,
-                name,
-                "slides, behind joints that turn",
-                "slides carry an arm (a rail, a gantry, a lift); hold this one with lock",
             )
         if name in flaws:
             raise flaws[name]
@@ -314,8 +304,6 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
                 "has no range: its limits are the same",
                 "correct the limits, make the joint fixed, or hold it at zero with lock",
             )
-    if not turned:
-        raise model_error(model.name, "no joint between base and tip turns", "name another tip")
 
 
 def check_units(model: pin.Model, path: Path) -> None:
@@ -462,12 +450,29 @@ def chain_of(model: pin.Model, path: Path, base_id: int, tip_id: int) -> SerialC
     columns = [J[part, model.joints[i].idx_v] for i, part in zip(joints, rows, strict=True)]
     axes = np.array([data.oMi[i].rotation.T @ c for i, c in zip(joints, columns, strict=True)])
     axes[:up] *= -1.0
+    external = _external_axes(up, sliding[up:])
+    own = [joints[external.count + k] for k in external.arm_slides]
     return SerialChain(
         placements=placements,
         axes=axes,
         T_link_tip=transform(tip.rotation, tip.translation),
-        external=ExternalAxes(up, sum(sliding)),
+        external=external,
+        strokes_m=tuple(max(map(abs, _limits(model, i))) for i in own),
     )
+
+
+JOINTS_OF_AN_ARM = 4
+"""Joints that an arm has at least, behind slides that carry it. Slides before fewer of them are
+axes of the arm itself: a Cartesian robot, with or without a wrist; a SCARA on its own column."""
+
+
+def _external_axes(positioner: int, sliding: Sequence[bool]) -> ExternalAxes:
+    """Tell slides that carry an arm from slides of the arm itself, by which joints slide."""
+    carrying = next((k for k, slides in enumerate(sliding) if not slides), len(sliding))
+    if positioner == 0 and len(sliding) - carrying < JOINTS_OF_AN_ARM:
+        carrying = 0
+    of_arm = (k - carrying for k, slides in enumerate(sliding) if slides and k >= carrying)
+    return ExternalAxes(positioner, carrying, tuple(of_arm))
 
 
 def with_frames_at_arm(model: pin.Model, path: Path, chain: SerialChain) -> pin.Model:

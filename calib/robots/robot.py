@@ -24,8 +24,9 @@ from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, ExternalAxes, SerialChain
 from calib.robots.controller import Controller, Coupling, controller_of, shown_of
 from calib.robots.description.urdf import load_urdf
-from calib.robots.inverse import InverseKinematics, InverseSolutions
+from calib.robots.inverse import CLOSURE_TOLERANCE, InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
+from calib.robots.inverse.few_axes import AXES_OF_A_POSE, nearest_postures
 from calib.robots.inverse.offset_wrist import OffsetWrist
 from calib.robots.inverse.on_external_axes import OnExternalAxes
 from calib.robots.inverse.redundant import RedundantArm
@@ -48,8 +49,8 @@ class Robot:
     """A serial arm between a base frame and a tip frame, and what moves it against the base.
 
     Its n joints are external axes (a positioner, then a rail, a gantry, a lift), then those of the
-    arm. Values of what slides are in metres wherever those of the others are in radians, and in
-    millimetres where people read degrees.
+    arm, of which some may slide. Values of what slides are in metres wherever those of the others
+    are in radians, and in millimetres where people read degrees.
 
     Make one with :meth:`from_urdf` or :meth:`preset`.
     """
@@ -151,7 +152,7 @@ class Robot:
         RobotModelError
             The file cannot be used (see :func:`calib.robots.description.urdf.load_urdf`), a frame
             or a joint to lock does not exist, or what moves between base and tip is not a row of
-            joints with limits, of which those that slide come before those of the arm.
+            joints with limits.
         """
         check_type(path, (str, PathLike), "path")
         check_type(tip, (str, type(None)), "tip")
@@ -345,6 +346,18 @@ class Robot:
         """Names of the joints of the arm itself."""
         return self.joint_names[self.n_external :]
 
+    @property
+    def arm_turns(self) -> BoolArray:
+        """Mask ``(n,)`` of the joints of the arm itself that turn."""
+        turns = ~self.sliding
+        turns[: self.n_external] = False
+        return turns
+
+    @property
+    def turning_joints(self) -> tuple[str, ...]:
+        """Names of the joints of the arm itself that turn."""
+        return tuple(np.array(self.joint_names, dtype=object)[self.arm_turns])
+
     @cached_property
     def joint_labels(self) -> tuple[str, ...]:
         """Short names as controllers give them: E1 for external axes, J1 to J6 for the arm's."""
@@ -463,6 +476,48 @@ class Robot:
             )
         bounds = Bounds.within(self.lower, self.upper, self.coupled_limits, margin, self.external)
         return self._inverse.solve(poses, bounds, reference, every_turn)
+
+    def nearest_poses(
+        self,
+        T_base_tip: FloatArray,
+        p_tip: FloatArray,
+        near: FloatArray,
+        margin: float = 0.0,
+        *,
+        same_branch: bool = False,
+    ) -> FloatArray:
+        """Return poses ``(N, 4, 4)`` that the arm can take, next to those asked for.
+
+        An arm of six joints and more is taken to turn its tip any way. One of fewer keeps a point
+        of its tip and takes the orientation there that is nearest; poses that it cannot bring the
+        point to are returned as they are.
+
+        Parameters
+        ----------
+        T_base_tip : array (N, 4, 4)
+        p_tip : array (3,) or (N, 3)
+            The point in the tip frame [m].
+        near : array (n,) or (N, n)
+            Posture that is tried first [rad, m].
+        margin : float
+            Distance to keep from the limits of joints that turn [rad].
+        same_branch : bool
+            Try no other posture: poses then follow ``near``.
+        """
+        if self.n >= AXES_OF_A_POSE or not len(T_base_tip):
+            return T_base_tip
+        bounds = Bounds.within(self.lower, self.upper, (), margin, self.external)
+        q, off = nearest_postures(
+            self.chain,
+            T_base_tip,
+            np.broadcast_to(p_tip, (len(T_base_tip), 3)),
+            np.broadcast_to(near, (len(T_base_tip), self.n)),
+            np.minimum(bounds.lower, bounds.upper),
+            np.maximum(bounds.lower, bounds.upper),
+            **({"starts": 1} if same_branch else {}),
+        )
+        there = (off <= CLOSURE_TOLERANCE)[:, None, None]
+        return np.where(there, self.fk(q), T_base_tip)
 
     @cached_property
     def _inverse(self) -> InverseKinematics | OnExternalAxes:

@@ -39,7 +39,7 @@ from posedesign.cell import (
     Cell,
     TaskBox,
     cone_rotations_at,
-    touching_poses,
+    poses_about_tool,
     wpr_rotations,
 )
 from posedesign.cell.board_set_up import rotations_to
@@ -186,7 +186,9 @@ def _touching(
     poses = []
     for target_m in targets_m:
         R, places = orient()
-        poses.append(touching_poses(R, cell.tool_m, target_m if places is None else places))
+        at_m = target_m if places is None else places
+        base = cell.base_posture
+        poses.append(poses_about_tool(cell.robot, R, cell.tool_m, at_m, base, cell.margin))
     found = [
         feasible_postures(checker, part, cell.base_posture, chosen)
         for checker, part in zip(checkers, poses, strict=True)

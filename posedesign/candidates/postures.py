@@ -12,6 +12,7 @@ from calib.errors import InputError, UnreachableError, near_names
 from calib.robots import InverseSolutions, Robot
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.inverse import CLOSURE_TOLERANCE, first_per_group, pose_error
+from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.robots.inverse.solutions import close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp
 from posedesign.cell import Cell, touching_poses
@@ -193,6 +194,10 @@ def local_poses(
         rows = np.flatnonzero(steps >= k)
         turned = state.R_base_tip[rows] @ rotation_exp(by[rows] * (k / steps[rows, None]))
         T = touching_poses(turned, tool[rows], place[rows])
+        if robot.n < AXES_OF_A_POSE:
+            there = np.isfinite(found[rows]).all(axis=1)
+            rows, T = rows[there], T[there]
+            T = robot.nearest_poses(T, tool[rows], found[rows], same_branch=True)
         found[rows] = _followed(robot, found[rows], T, bounds)
     found[~_same_branch(robot, q, found)] = np.nan
     found[~(bounds.excess(found).max(axis=1) <= LIMIT_TOLERANCE)] = np.nan

@@ -11,7 +11,7 @@ from calib.errors import CalibError, UnreachableError
 from calib.identification import Workplace, tool_motion
 from calib.identification.prediction import placed_anew
 from calib.model import CalibrationModel, Setup
-from calib.se3 import FloatArray, transform
+from calib.se3 import FloatArray
 from posedesign.candidates.building import (
     away_from_singularities,
     box_of_cell,
@@ -20,7 +20,7 @@ from posedesign.candidates.building import (
 )
 from posedesign.candidates.candidate_poses import CandidatePoses
 from posedesign.candidates.postures import MOST_PER_POSE
-from posedesign.cell import Cell
+from posedesign.cell import Cell, poses_about_tool
 from posedesign.cell.task_box import BOX_OF_REACH, TaskBox, box_functions, reached_points
 from posedesign.constraints import Checker, nearest_postures
 
@@ -90,7 +90,8 @@ def workplace(
         row = (share[:, 3] * measured).astype(np.intp)
         at = at_work.lowest_m + (at_work.highest_m - at_work.lowest_m) * share[:, :3]
         R = state.R_base_tip[row]
-        found = nearest_postures(checker, transform(R, at - R @ cell.tool_m), near)
+        poses = poses_about_tool(robot, R, cell.tool_m, at, near, cell.margin)
+        found = nearest_postures(checker, poses, near)
         q = np.concatenate([q, found.q[found.feasible]])[:count]
         like = np.concatenate([like, row[found.feasible]])[:count]
         if 2 * len(q) >= count:

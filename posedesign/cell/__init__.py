@@ -4,6 +4,7 @@ from posedesign.cell.cell import Cell as Cell
 from posedesign.cell.models import free_tool_axes as free_tool_axes
 from posedesign.cell.models import usual_offsets as usual_offsets
 from posedesign.cell.orientations import cone_rotations_at as cone_rotations_at
+from posedesign.cell.orientations import poses_about_tool as poses_about_tool
 from posedesign.cell.orientations import touching_poses as touching_poses
 from posedesign.cell.orientations import wpr_rotations as wpr_rotations
 from posedesign.cell.schema import CameraSection as CameraSection

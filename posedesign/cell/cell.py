@@ -20,7 +20,7 @@ from calib.robots.controller import Coupling
 from calib.robots.description.srdf import Srdf, allowed_contacts, load_srdf
 from calib.robots.description.urdf import joint_links
 from calib.robots.dh import PARALLEL_RAD
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
 from posedesign.cell.file import parse_text, read_config
@@ -522,7 +522,7 @@ def _with_posture_of_state(
 
 def _with_slide_margin(robot: Robot, margin_mm: float, path: Path) -> Robot:
     """The robot with the ends of its slides left out, as far as plans keep away from them."""
-    if not robot.external.slides:
+    if not robot.sliding.any():
         return robot
     kept = np.where(robot.sliding, margin_mm / 1e3, 0.0)
     narrow = np.flatnonzero(robot.joint_range <= 4.0 * kept)
@@ -559,10 +559,12 @@ def usual_offset_joints(robot: Robot) -> tuple[str, ...]:
 
     Target and tool point take up those of the first and the last joint (section 3.2 of
     Watanabe et al. 2006); not of the first one of an arm that slides across its axis, for a rail
-    has a direction, nor of one beside a positioner, which stands somewhere.
+    has a direction, nor of one beside a positioner, which stands somewhere. Slides that carry the
+    arm have no zero that matters.
     """
-    turning = [n for n, slides in zip(robot.joint_names, robot.sliding, strict=True) if not slides]
-    return tuple(name for name in turning[:-1] if name not in moved_as_base(robot))
+    carrying = robot.joint_names[robot.external.sliding]
+    taken_up = {*moved_as_base(robot), *moved_as_tool(robot), *carrying}
+    return tuple(name for name in robot.joint_names if name not in taken_up)
 
 
 def moved_as_base(robot: Robot) -> tuple[str, ...]:
@@ -572,9 +574,25 @@ def moved_as_base(robot: Robot) -> tuple[str, ...]:
     the joint of a positioner that turns the base, and the first joint of the arm, unless something
     slides across its axis or turns about another one.
     """
+    stands = _stands(robot)
+    return tuple(name for j, name in enumerate(robot.joint_names) if stands[:j, j].all())
+
+
+def moved_as_tool(robot: Robot) -> tuple[str, ...]:
+    """Joints whose zero offsets move the tool point as another one would be placed on the tip.
+
+    The same seen from the tip: the last joint, and those that slide along its axis, or turn about
+    the line that it slides along.
+    """
+    stands = _stands(robot)
+    return tuple(name for j, name in enumerate(robot.joint_names) if stands[j + 1 :, j].all())
+
+
+def _stands(robot: Robot) -> BoolArray:
+    """Return of each joint (row) if it leaves the motion of another one (column) as it is."""
     at_zero, slides = robot.chain.forward(np.zeros(robot.n)), robot.sliding
 
-    def stands(axis: int, moved_by: int) -> bool:
+    def stands(moved_by: int, axis: int) -> bool:
         one, two = at_zero.axes[moved_by], at_zero.axes[axis]
         across = np.linalg.norm(np.cross(one, two)) > np.sin(PARALLEL_RAD)
         if slides[moved_by]:
@@ -583,33 +601,29 @@ def moved_as_base(robot: Robot) -> tuple[str, ...]:
         aside = not slides[axis] and np.linalg.norm(np.cross(apart, one)) > SAME_LINE_M
         return not (across or aside)
 
-    return tuple(
-        name
-        for j, name in enumerate(robot.joint_names)
-        if all(stands(j, before) for before in range(j))
-    )
+    n = range(robot.n)
+    return np.array([[stands(j, k) for k in n] for j in n], dtype=bool)
 
 
 def posture_section(robot: Robot, q: FloatArray) -> BasePoseSection:
     """The section of a cell that has a posture ``(n,)`` [rad, m] for its base pose."""
-    shown = robot.shown(q).tolist()
-    turns, first = robot.floor, robot.n_external
+    shown = robot.shown(q)
     return BasePoseSection(
-        positioner_deg=shown[:turns][::-1],
-        slides_mm=shown[turns:first],
-        posture_deg=shown[first:],
+        positioner_deg=shown[: robot.floor][::-1].tolist(),
+        slides_mm=shown[robot.sliding].tolist(),
+        posture_deg=shown[robot.arm_turns].tolist(),
     )
 
 
 def posture_of_section(robot: Robot, section: BasePoseSection) -> FloatArray:
     """Posture ``(n,)`` [rad, m] of the base pose."""
-    return np.concatenate(
-        [
-            np.deg2rad(section.positioner_deg[::-1]),
-            np.array(section.slides_mm) / 1e3,
-            np.deg2rad(section.posture_deg),
-        ]
-    )
+    table, arm = np.deg2rad(section.positioner_deg[::-1]), np.deg2rad(section.posture_deg)
+    slides = np.array(section.slides_mm) / 1e3
+    if len(arm) != np.count_nonzero(robot.arm_turns):
+        return np.concatenate([table, slides, arm])  # of no use, and told so where it is checked
+    q = np.empty(robot.n)
+    q[: robot.floor], q[robot.sliding], q[robot.arm_turns] = table, slides, arm
+    return q
 
 
 def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
@@ -632,9 +646,10 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             key="base_pose.positioner_deg",
             hint="give degrees, and whole tenths where it really stands so near its zero",
         )
-    turning, sliding = robot.joint_names[: robot.floor], robot.joint_names[robot.external.sliding]
+    turning = robot.joint_names[: robot.floor]
+    slide = [n for n, slides_ in zip(robot.joint_names, robot.sliding, strict=True) if slides_]
     for what, values, joints in (
-        ("slides", slides, sliding),
+        ("slides", slides, slide),
         ("positioner", config.base_pose.positioner_deg, turning[::-1]),
     ):
         if len(values) != len(joints):
@@ -650,7 +665,7 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
     with naming(path, key):
         posture = robot.check_posture(posture_of_section(robot, config.base_pose))
     fractions = np.count_nonzero(degrees % 1.0)
-    if np.abs(degrees).max() <= MOST_RADIANS and fractions >= min(3, robot.n):
+    if np.abs(degrees).max(initial=0.0) <= MOST_RADIANS and fractions >= min(3, robot.n):
         raise FileFormatError(
             f"looks like radians (largest value {np.abs(degrees).max():g})",
             path=path,

@@ -108,9 +108,9 @@ class CellData:
         """Stiffness of the simulated reducers of joints that turn [Nm/rad]; infinite: rigid."""
         truth = self.config.truth
         if truth.deflection is False:
-            return np.full(len(self.robot.arm_joints), np.inf)
+            return np.full(len(self.robot.turning_joints), np.inf)
         given = truth.stiffness_nm_per_rad
-        return self.robot.stiffness[self.robot.n_external :] if given is None else np.array(given)
+        return self.robot.stiffness[self.robot.arm_turns] if given is None else np.array(given)
 
     @property
     def deflects(self) -> bool:

@@ -91,7 +91,7 @@ def payloads_of(cell: CellData) -> list[Payload]:
 def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
     """Blocks of the arm that words free; all joints unless the cell lists offsets."""
     robot, section = cell.robot, cell.config.parameters
-    joints, payloads = robot.arm_joints, payloads_of(cell)
+    joints, payloads = robot.turning_joints, payloads_of(cell)
     blocks: list[ParameterBlock] = []
     held, degree = PRIORS in words, np.pi / 180.0
     offset = section.prior_offset_deg * degree if held else None
@@ -111,7 +111,7 @@ def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
         gravity = GravityLoad(robot, payloads)
         wound = None
         if held:
-            wound = _give(robot, payloads, gravity.joint_torque, give)[robot.n_external :]
+            wound = _give(robot, payloads, gravity.joint_torque, give)[robot.arm_turns]
         blocks.append(JointCompliance(robot, joints, payloads, prior=wound))
     if "bearings" in words:
         bearings = BearingCompliance(robot, joints, payloads)
@@ -235,7 +235,7 @@ def truth_of(
     """
     truth = cell.config.truth
     given = truth.zero_offsets_deg
-    turning = cell.robot.arm_joints  # slides are where they show; their frames may be off
+    turning = cell.robot.turning_joints  # slides are where they show; their frames may be off
     offsets = usual_offsets(len(turning)) if given is None else np.deg2rad(given)
     carrying = cell.robot.joint_names[: cell.robot.floor]
     theirs = np.append(0.0, np.full(len(carrying), OF_POSITIONER_RAD))[: len(carrying)]
@@ -268,8 +268,6 @@ def _link_errors(links: LinkGeometry, mm: float, deg: float, seed: int) -> Float
 
 def usual_offsets(n: int) -> FloatArray:
     """Zero offsets ``(n,)`` [rad] as on arms mastered by eye: up to a tenth of a degree."""
-    if n < 1:
-        raise InputError("a robot needs joints")
     pattern = np.deg2rad([0.03, 0.08, -0.06, 0.05, 0.10, -0.04])
     return np.resize(pattern, n)
 

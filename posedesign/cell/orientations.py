@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.errors import UnreachableError
 from calib.robots import Robot
+from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.se3 import FloatArray, rotation_exp, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.constraints import Checker, nearest_postures
 
@@ -80,6 +81,24 @@ def touching_poses(R_base_tip: FloatArray, tool_m: FloatArray, target_m: FloatAr
     ``tool_m``, ``target_m``: ``(3,)``, or one for each ``(N, 3)``.
     """
     return transform(R_base_tip, target_m - (R_base_tip @ tool_m[..., None])[..., 0])
+
+
+def poses_about_tool(
+    robot: Robot,
+    R_base_tip: FloatArray,
+    tool_m: FloatArray,
+    target_m: FloatArray,
+    near: FloatArray,
+    margin: float = 0.0,
+) -> FloatArray:
+    """Return tip poses ``(N, 4, 4)`` with the tool point on the target, turned as the arm can.
+
+    As :func:`touching_poses`; an arm of fewer than six axes takes the orientations nearest to those
+    asked for, sought from a posture ``near`` ``(n,)`` [rad, m]. The same pose may come several
+    times.
+    """
+    poses = touching_poses(R_base_tip, tool_m, target_m)
+    return robot.nearest_poses(poses, tool_m, near, margin)
 
 
 _TRIAL_VARIATION = np.deg2rad([30.0, 30.0, 30.0])
@@ -156,7 +175,10 @@ def suggest_base_posture(
         near = np.concatenate([still[:first], ((robot.lower + robot.upper) / 2)[first:]])
     if robot.floor:
         R, targets = _above_plate(robot, still, foot, ahead)
-    solutions = robot.inverse(touching_poses(R, tool_m, targets), near)
+    middle = (robot.lower + robot.upper) / 2.0 if near is None else near
+    if robot.n < AXES_OF_A_POSE:
+        R, targets = _where_it_reaches(robot, R, tool_m)
+    solutions = robot.inverse(poses_about_tool(robot, R, tool_m, targets, middle), near)
     tried: list[tuple[tuple[float, float], FloatArray]] = []
     for place in range(len(R)):
         found = robot.of_shown(np.round(robot.shown(solutions.of(place))))
@@ -180,6 +202,27 @@ def suggest_base_posture(
             name="base_pose",
         )
     return best
+
+
+_PLACES_OF_FEW_AXES = 24
+_INNER = 0.25
+"""Of the range of each joint, to either side, that postures of an arm of few axes keep out of."""
+
+
+def _where_it_reaches(
+    robot: Robot, R: FloatArray, tool_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return orientations ``(K, 3, 3)`` and the places ``(K, 3)`` [m] of an arm of few axes.
+
+    Where its joints bring the tool point, from the middle of their ranges on: a Cartesian robot has
+    no front, and a SCARA no choice of heights.
+    """
+    rng = np.random.default_rng(0)
+    share = rng.uniform(_INNER, 1.0 - _INNER, (_PLACES_OF_FEW_AXES, robot.n))
+    share[0] = 0.5
+    places = robot.state(robot.lower + share * robot.joint_range).point(tool_m)
+    turns = R[np.unique(R.reshape(len(R), 9).round(6), axis=0, return_index=True)[1]]
+    return np.tile(turns, (len(places), 1, 1)), np.repeat(places, len(turns), axis=0)
 
 
 _ASIDE = (0.06, 0.12)
@@ -212,7 +255,7 @@ def _trial_poses(robot: Robot, tool_m: FloatArray, q: FloatArray) -> int:
     """How many poses of the trial grid around a posture can be taken."""
     state = robot.state(q)
     rotations = wpr_rotations(wpr_from_rotation(state.R_base_tip), _TRIAL_VARIATION)
-    poses = touching_poses(rotations, tool_m, state.point(tool_m))
+    poses = poses_about_tool(robot, rotations, tool_m, state.point(tool_m), q)
     return int(nearest_postures(Checker(robot), poses, q).feasible.sum())
 
 

@@ -287,9 +287,10 @@ class BasePoseSection(Section):
     """The posture with the tool point on the target that poses are varied around."""
 
     posture_deg: tuple[Finite, ...] = ()
-    """Joint values of the base pose, from the base on, in the signs of the description."""
+    """Values of the arm's joints that turn at the base pose, from the base on, in the signs of the
+    description."""
     slides_mm: tuple[Finite, ...] = ()
-    """The same of the slides that carry the arm."""
+    """The same of what slides: what carries the arm, then joints of the arm itself."""
     positioner_deg: tuple[Finite, ...] = ()
     """The same of a positioner that carries the base, from its foot on: tilt, turn."""
     state: Line | None = None
@@ -297,7 +298,7 @@ class BasePoseSection(Section):
 
     @model_validator(mode="after")
     def _is_one_posture(self) -> BasePoseSection:
-        if bool(self.posture_deg) == (self.state is not None):
+        if bool(self.posture_deg or self.slides_mm) == (self.state is not None):
             raise ValueError("give either posture_deg or state")
         return self
 

@@ -693,7 +693,7 @@ def check_board(cell: CellData, path: Path) -> None:
 
 
 def _check_truth(cell: CellData, path: Path) -> None:
-    truth, n = cell.config.truth, len(cell.robot.arm_joints)
+    truth, n = cell.config.truth, len(cell.robot.turning_joints)
     for key, values, count in (
         ("zero_offsets_deg", truth.zero_offsets_deg, n),
         ("stiffness_nm_per_rad", truth.stiffness_nm_per_rad, n),

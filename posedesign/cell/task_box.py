@@ -16,9 +16,10 @@ from calib.identification import ExpectedError, tool_motion
 from calib.identification.prediction import PLACED_BASE, placed_anew
 from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup
-from calib.se3 import BoolArray, FloatArray, skew, transform
+from calib.se3 import BoolArray, FloatArray, skew
 from calib.shown import Shown
 from posedesign.cell.cell import Cell
+from posedesign.cell.orientations import poses_about_tool
 from posedesign.constraints import Postures, nearest_postures
 
 MOST_POINTS = 20_000
@@ -231,8 +232,9 @@ def reached_points(cell: Cell, box: TaskBox) -> Postures:
         No point of the box can be reached.
     """
     points = box.points_m
-    R = cell.robot.fk(cell.base_posture)[:3, :3]
-    poses = transform(R, points - R @ cell.tool_m)
+    R = np.tile(cell.robot.fk(cell.base_posture)[:3, :3], (len(points), 1, 1))
+    near = cell.base_posture
+    poses = poses_about_tool(cell.robot, R, cell.tool_m, points, near, cell.passing.margin)
     found = nearest_postures(cell.passing, poses, cell.base_posture)
     if not found.feasible.any():
         raise UnreachableError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +13,7 @@ import numpy as np
 from calib.errors import InputError, RobotModelError
 from calib.robots import Robot, find_preset, preset_info
 from calib.robots.arm_shapes import makers_like, presets_like, unshaped_links
+from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.se3 import FloatArray
 from posedesign.cell.cell import usual_offset_joints
 from posedesign.cell.models import usual_offsets
@@ -72,14 +73,14 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 {tool_bodies}
 [base_pose]
 # The posture with the tool point on the target that all poses are varied around.
-{pendant}{positioner_deg}{slides_mm}posture_deg = {posture_deg}
+{pendant}{positioner_deg}{slides_mm}{posture_deg}
 # state = "home"                  # in its place: a group state of robot.srdf
 
 [target]                          # of several, each begins with [[target]]
 name = "T1"
 # kind = "plane"                  # how it is measured; default: measurement.kind
 # In the base frame; default: where the base pose puts the tool point, which is
-# position_mm = {target_mm}
+{position_mm}
 {world}# normal = [0.0, 0.0, 1.0]        # out of its face; default: to the camera at the base pose
 # roll_deg = 0.0                  # of a board about it, from upright in the camera's picture
 # plate_mm = [40.0, 40.0]         # of a round target: its plate, and its cross: length and width
@@ -164,8 +165,8 @@ seed = 0
 [parameters]
 # Identified besides the target. Target and tool take up the first joint (not on a rail) and the
 # last.
-zero_offsets = {offsets}
-tool_axes = "xyz"                 # "xy" for a view line
+{few_axes}zero_offsets = {offsets}
+tool_axes = "{tool_axes}"                 # "xy" for a view line
 # Each list is a model to try; they are judged by the error to expect where the arm will work.
 # Words: zero_offsets, geometry, compliance, bearings, lost_motion, scale, harmonics. A model is
 # reduced to what the measurements can tell apart, or held by what is known beforehand: priors
@@ -205,6 +206,7 @@ board_three_sigma_px = 0.6        # of a coordinate of a board's point in a pict
 arm_three_sigma_mm = 0.9          # where the arm stops from where it says, along each axis, and
 arm_three_sigma_deg = 0.18        # about each; of pictures of a board
 estimate_lens = true              # from these pictures; false: it was calibrated before
+{noise}\
 # [[noise]]                       # of what is measured by instruments, and of further kinds that
 # kind = "pose"                   # were measured: plane, point, pose, camera-pose, distance; of
 # three_sigma_mm = 0.1            # these without it, it is taken from the residuals
@@ -438,6 +440,16 @@ class _Setup:
     board_square_mm: float | None = None
 
 
+@dataclass(frozen=True)
+class _Told:
+    """What is measured, and what of the arm that tells."""
+
+    offsets: Sequence[str]
+    tool_axes: str = "xyz"
+    kind: str = "touch-up"
+    notes: Sequence[str] = ()
+
+
 class _ReadWith(NamedTuple):
     """What a description is read with, by the names that :meth:`Robot.from_urdf` has for it."""
 
@@ -560,18 +572,54 @@ def _for_urdf(path: Path, read_with: _ReadWith, camera: Mount | None) -> str:
         com_mm=[0.0, 0.0, 0.0],
         stand_off_mm=100.0,
     )
-    return _fill(
-        robot,
-        source=source,
-        setup=setup,
-        pendant=_SUGGESTED.format("tool pointing down"),
-        posture=(np.round(posture, 6) + 0.0).tolist(),
-        three_sigma=[0.1, 0.1, 0.1],
-        deflection=False,
-        srdf=srdf_beside(path),
-        decide=decide,
-        shapes=shapes,
-    )
+
+    def text(told: _Told | None = None) -> str:
+        return _fill(
+            robot,
+            source=source,
+            setup=setup,
+            pendant=_SUGGESTED.format("tool pointing down"),
+            posture=(np.round(posture, 6) + 0.0).tolist(),
+            three_sigma=[0.1, 0.1, 0.1],
+            deflection=False,
+            srdf=srdf_beside(path),
+            decide=decide,
+            shapes=shapes,
+            told=told,
+        )
+
+    return text(_told_by_few_axes(robot, text) if robot.n < AXES_OF_A_POSE else None)
+
+
+_NOISE_OF_POINTS = """\
+[[noise]]
+kind = "point"
+three_sigma_mm = 0.1
+"""
+
+_STANDS_ASIDE = 2.0
+"""Distance of an instrument from the tool point, in reaches of the arm."""
+
+_TOUCHES_TOO_LITTLE = (
+    "Touch-ups of one point tell no zero of an arm of so few axes: an instrument that",
+    'reads points of the tool tells more. kind = "touch-up" needs several pins and targets.',
+)
+_NOT_TOLD = "Not told by any pose, and left out: {}."
+
+
+def _told_by_few_axes(robot: Robot, text: Callable[[_Told], str]) -> _Told:
+    """Return what poses of an arm of fewer than six axes tell, by touch-ups or else by points."""
+    from posedesign.cell.cell import Cell
+    from posedesign.cell.few_axes import told_of
+
+    usual = usual_offset_joints(robot)
+    kind, notes = "touch-up", []
+    offsets, axes = told_of(Cell.from_text(text(_Told(usual))))
+    if not offsets:
+        kind, notes = "point", list(_TOUCHES_TOO_LITTLE)
+        offsets, axes = told_of(Cell.from_text(text(_Told(usual, kind=kind))))
+    missing = ", ".join(_printed(joint) for joint in usual if joint not in offsets)
+    return _Told(offsets, axes, kind, [*notes, *([_NOT_TOLD.format(missing)] if missing else [])])
 
 
 def _scale(robot: Robot) -> float:
@@ -846,17 +894,29 @@ def _fill(
     srdf: Path | None = None,
     decide: str = "",
     shapes: str = _SHAPES,
+    told: _Told | None = None,
 ) -> str:
+    told = _Told(usual_offset_joints(robot)) if told is None else told
     point = robot.state(robot.of_shown(posture)).point(np.array(setup.point_mm) / 1e3)
-    offsets = ", ".join(_quoted(joint) for joint in usual_offset_joints(robot))
-    first, up = robot.n_external, robot.floor
-    turned, along = list(posture)[:up][::-1], list(posture)[up:first]
+    place = f"# position_mm = {[_round(v, 3) for v in 1e3 * point]}"
+    if told.kind == "point":
+        aside = point + np.array([_STANDS_ASIDE * robot.chain.reach_m, 0.0, 0.0])
+        place = (
+            "# the tool point; of an instrument: ROUGHLY where it stands\n"
+            f"position_mm = {[_round(v, 0) for v in 1e3 * aside]}"
+        )
+    offsets = ", ".join(map(_quoted, told.offsets))
+    shown = np.array(posture)
+    scales = '["zero_offsets", "scale"], '
+    turned = shown[: robot.floor][::-1].tolist()
+    along, arm = shown[robot.sliding].tolist(), shown[robot.arm_turns].tolist()
+    slide = ", ".join(n for n, s in zip(robot.joint_names, robot.sliding, strict=True) if s)
     return _TEMPLATE.format(
         decide=decide,
         shapes=shapes,
         robot=source,
         tool_note=setup.tool_note,
-        target_mm=[_round(v, 3) for v in 1e3 * point],
+        position_mm=place,
         world=_world_line(robot),
         notices="".join(f"# {_printed(said)}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
@@ -873,19 +933,22 @@ def _fill(
         board="# " if setup.board_square_mm is None else "",
         square=setup.board_square_mm or 25.0,
         marker=18.0 if setup.board_square_mm is None else _round(0.7 * setup.board_square_mm, 1),
-        kind="touch-up" if setup.board_square_mm is None else "board",
+        kind=told.kind if setup.board_square_mm is None else "board",
+        tool_axes=told.tool_axes,
+        few_axes="".join(f"# {line}\n" for line in told.notes),
+        noise=_NOISE_OF_POINTS * (told.kind == "point"),
         pendant=pendant,
         positioner_deg=f"positioner_deg = {turned}  # of "
-        f"{', '.join(robot.joint_names[:up][::-1])}\n"
+        f"{', '.join(robot.joint_names[: robot.floor][::-1])}\n"
         if turned
         else "# positioner_deg = [0.0, 0.0]    # of a table that carries the target, E1 first\n",
-        slides_mm=f"slides_mm = {along}  # of {', '.join(robot.joint_names[up:first])}\n"
+        slides_mm=f"slides_mm = {along}  # of {slide}\n"
         if along
         else "# slides_mm = [500.0]           # of a rail, a gantry, a lift that carries the arm\n",
-        posture_deg=list(posture)[first:],
+        posture_deg=f"posture_deg = {arm}" if arm else "# posture_deg = [0.0]  # of what turns",
         offsets=f"[{offsets}]",
-        pitch='\n    ["zero_offsets", "scale"], ["geometry", "scale", "priors"],' if along else "",
+        pitch=f'\n    {scales}["geometry", "scale", "priors"],' if along else "",
         three_sigma=list(three_sigma),
-        truth=np.round(np.rad2deg(usual_offsets(len(robot.arm_joints))), 6).tolist(),
+        truth=np.round(np.rad2deg(usual_offsets(len(robot.turning_joints))), 6).tolist(),
         deflection=str(deflection).lower(),
     )

@@ -147,21 +147,22 @@ class JointLimits(_Limits):
 
 
 class SlideLimits(Constraint):
-    """Every slide that carries the arm inside its limits: it stands where it says."""
+    """Every joint that slides inside its limits: it stands where it says."""
 
     name = "slide limits"
     unit = "mm"
     display = 1e3
     comfort = 0.1
+    hint_words = "lower plan.slide_margin_mm"
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        return _least(_room(self._robot, arm.q)[:, self._robot.external.sliding])
+        return _least(_room(self._robot, arm.q)[:, self._robot.sliding])
 
     def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
-        j = which + self._robot.external.sliding.start
+        j = int(np.flatnonzero(self._robot.sliding)[which])
         value, low, high = (
             1e3 * float(v[j]) for v in (arm.q[i], self._robot.lower, self._robot.upper)
         )
@@ -275,8 +276,9 @@ class Checker:
         self.robot = robot
         self.margin = margin
         coupled = [CoupledLimits(robot, margin)] if robot.coupled_limits else []
-        slides = [SlideLimits(robot)] if robot.external.slides else []
-        self.constraints = (JointLimits(robot, margin), *slides, *coupled, *constraints)
+        slides = [SlideLimits(robot)] if robot.sliding.any() else []
+        turns = [] if robot.sliding.all() else [JointLimits(robot, margin)]
+        self.constraints = (*turns, *slides, *coupled, *constraints)
 
     def check(self, q: FloatArray, *, every: bool = True) -> Verdicts:
         """Verdicts on postures ``(S, n)`` [rad].

@@ -189,7 +189,7 @@ class MotionChecker:
     def _turns(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """How far joints that turn travel ``(W, n)`` [rad]; none of those that slide."""
         moves = np.abs(end - start)
-        moves[:, self.external.sliding] = 0.0
+        moves[:, self.external.slides_of(moves.shape[1])] = 0.0
         return np.asarray(moves)
 
     def steps_of(self, travel: FloatArray) -> FloatArray:

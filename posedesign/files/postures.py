@@ -189,17 +189,17 @@ def _check_held(path: Path, columns: Sequence[str], rows: Sequence[Row], robot: 
 def joint_columns(n: int, external: ExternalAxes = NO_EXTERNAL_AXES) -> list[str]:
     """``e1_mm ..`` and ``e1_deg ..`` of external axes, then ``j1_deg ..``: n in all.
 
-    In the order of the joints; external axes are counted as controllers do.
+    In the order of the joints; external axes are counted as controllers do. ``j3_mm`` of a joint of
+    the arm that slides.
     """
-    sliding = external.slides_of(external.count)
-    units = np.where(sliding, "mm", "deg").tolist()
-    first = [f"e{k}_{unit}" for k, unit in zip(external.numbers, units, strict=True)]
-    return first + [f"j{i + 1}_deg" for i in range(n - external.count)]
+    units = np.where(external.slides_of(n), "mm", "deg").tolist()
+    labels = [label.lower() for label in external.labels(n)]
+    return [f"{label}_{unit}" for label, unit in zip(labels, units, strict=True)]
 
 
-def external_as_dict(external: ExternalAxes) -> dict[str, int]:
-    """How many of the first joints turn, and slide, for results; nothing where none is external."""
-    return {key: count for key, count in asdict(external).items() if count}
+def external_as_dict(external: ExternalAxes) -> dict[str, int | tuple[int, ...]]:
+    """Say for results which joints are external axes, and which of the arm slide, where any is."""
+    return {key: value for key, value in asdict(external).items() if value}
 
 
 def pendant_columns(n: int, external: ExternalAxes = NO_EXTERNAL_AXES) -> list[str]:
@@ -303,8 +303,10 @@ def _values(
         _check_external(path, columns, values[:, : external.count])
     elif not trust_units:
         _check_external_in_si(path, columns, values[:, : external.count], external)
-    columns = columns[external.count :]
-    largest = float(np.abs(values[:, external.count :]).max())
+    turning = ~external.slides_of(len(columns))
+    turning[: external.count] = False
+    columns = [column for column, turns in zip(columns, turning, strict=True) if turns]
+    largest = float(np.abs(values[:, turning]).max(initial=0.0))
     small = len(rows) >= 3 and 0 < largest <= 2 * math.pi
     if trust_units or not (small if unit == "degrees" else largest > LARGEST_RAD):
         return values

@@ -117,6 +117,7 @@ class IdentificationFile(ReadFromFile):
     joints: tuple[str, ...] = ()
     positioner: Annotated[int, Field(ge=0)] = 0
     slides: Annotated[int, Field(ge=0)] = 0
+    arm_slides: tuple[Annotated[int, Field(ge=0)], ...] = ()
     arm: dict[str, Any] = Field(default_factory=dict)
     models: list[FittedModel]
     recommended: Text | None = None
@@ -131,7 +132,7 @@ class IdentificationFile(ReadFromFile):
     @property
     def external(self) -> ExternalAxes:
         """What the first joints are."""
-        return ExternalAxes(self.positioner, self.slides)
+        return ExternalAxes(self.positioner, self.slides, self.arm_slides)
 
     @property
     def chosen(self) -> FittedModel | None:

@@ -294,7 +294,7 @@ def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:
     Raises InputError: a name that is no parameter of this cell's robot; the hint lists near ones.
     """
     robot, payloads, wanted = cell.robot, payloads_of(cell), set(names)
-    joints, section = robot.arm_joints, cell.config.parameters
+    joints, section = robot.turning_joints, cell.config.parameters
     waves = sorted({float(m[1]) for name in names if (m := _WAVE.fullmatch(name))})
     whole: list[ParameterBlock] = [
         ZeroOffsets(robot, robot.joint_names),

@@ -17,6 +17,7 @@ from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import ReadingParameters
 from calib.one_thread import one_blas_thread
+from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.se3 import (
     BoolArray,
     FloatArray,
@@ -26,7 +27,8 @@ from calib.se3 import (
     wpr_from_rotation,
 )
 from posedesign.candidates import candidates_of
-from posedesign.cell import Cell, touching_poses, wpr_rotations
+from posedesign.candidates.postures import once
+from posedesign.cell import Cell, poses_about_tool, touching_poses, wpr_rotations
 from posedesign.cell.cell import posture_section
 from posedesign.cell.models import PAPER
 from posedesign.cell.observations import touched_by_tool
@@ -68,9 +70,6 @@ _POOL_SEED = 2006
 
 IMPROVEMENT = 0.99
 """A round counts as better when it brings C_G below this part of the best so far."""
-
-MOST_FREE = 6
-"""Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
 
 FARTHEST_M = 0.5
 """Distance of the target from the tool point at the base posture beyond which one of the two is a
@@ -177,7 +176,7 @@ class Replacements:
     def _feasible(self, rotations: FloatArray, margin: float, swing: float) -> FloatArray:
         """All postures with these orientations that keep every constraint."""
         cell, base = self._cell, self._cell.base_posture
-        poses = touching_poses(rotations, cell.tool_m, cell.target_m)
+        poses = poses_about_tool(cell.robot, rotations, cell.tool_m, cell.target_m, base, margin)
         solutions = cell.robot.inverse(poses, near=base, margin=margin)
         first = cell.robot.n_external
         near = np.abs(solutions.postures[:, first] - base[first]) <= swing
@@ -251,6 +250,13 @@ def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
             "the loop turns the tool about one point, which shows no more of a "
             f"{cell.observations[0].kind} than its place does",
             hint="choose poses all over it: take the method exchange",
+            name="method",
+        )
+    if cell.robot.n < AXES_OF_A_POSE and not (cell.is_hand_eye or touched_by_tool(cell.config)):
+        raise InputError(
+            f"the loop turns the tool about one point, and {cell.robot.name} has "
+            f"{cell.robot.n} axes: what an instrument reads there tells little",
+            hint="choose poses all over its range: take the method exchange",
             name="method",
         )
     return _Loop(cell, progress).run()
@@ -438,22 +444,13 @@ class _Loop:
         )
 
 
-def check_base_pose(cell: Cell, *, of_pool: bool = False) -> None:
+def check_base_pose(cell: Cell) -> None:
     """Check that the base posture touches the target and keeps the margin from the limits.
 
     Where there are several targets, or instruments that see the tool anywhere, the base pose is
-    where the tour begins, and touches nothing. An arm of fewer than six joints cannot turn the tool
-    about a point; ``of_pool``: poses come from a pool, which needs that of touched targets only.
+    where the tour begins, and touches nothing.
     """
     q, robot = cell.base_posture, cell.robot
-    if robot.n < MOST_FREE and (touched_by_tool(cell.config) or not of_pool):
-        raise InputError(
-            f"{robot.name} has {robot.n} joints: fewer than {MOST_FREE} cannot hold the tool point "
-            "while W, P and R vary",
-            hint="choose its poses from a pool of joint values (method exchange) for an instrument "
-            "that reads the tool anywhere; or judge poses of your own with posedesign score",
-            name="robot",
-        )
     several = not cell.is_hand_eye and len(cell.observations) > 1
     if several or not (cell.is_hand_eye or cell.is_plain):
         start = Checker(robot, cell.solid, cell.margin).check(q[None])
@@ -493,7 +490,8 @@ def _free_beside(cell: Cell) -> str:
     q = cell.base_posture
     wpr = wpr_from_rotation(cell.robot.fk(q)[:3, :3])
     for angle in BESIDE_RAD:
-        poses = touching_poses(wpr_rotations(wpr, np.full(3, angle)), cell.tool_m, cell.target_m)
+        rotations = wpr_rotations(wpr, np.full(3, angle))
+        poses = poses_about_tool(cell.robot, rotations, cell.tool_m, cell.target_m, q)
         found = nearest_postures(cell.checker, poses, q)
         robot, first = cell.robot, cell.robot.n_external
         shown = np.round(robot.shown(found.q[found.feasible]), 2)  # as a person writes it
@@ -518,7 +516,11 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     """
     wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
     rotations = wpr_rotations(wpr, np.deg2rad(variation_deg))
-    poses = touching_poses(rotations, cell.tool_m, cell.target_m)
+    base, robot = cell.base_posture, cell.robot
+    poses = poses_about_tool(robot, rotations, cell.tool_m, cell.target_m, base, cell.margin)
+    if robot.n < AXES_OF_A_POSE:  # it turns about fewer axes than three: many are the same
+        poses = poses[once(poses.reshape(-1, 16))]
+        rotations = poses[:, :3, :3]
     if cell.estimates_lens:
         poses = spread_over_image(cell, poses, variation_deg)
     stations, n = _stations(cell), len(poses)

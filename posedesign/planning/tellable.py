@@ -16,7 +16,7 @@ from calib.identification.identifiability import sort_out
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.candidates.postures import even_points
-from posedesign.cell import Cell, cone_rotations_at, touching_poses
+from posedesign.cell import Cell, cone_rotations_at, poses_about_tool
 from posedesign.cell.models import PAPER
 from posedesign.cell.observations import touched_by_tool
 from posedesign.constraints import Checker, nearest_postures
@@ -161,7 +161,7 @@ def _random_postures(cell: Cell, near: FloatArray) -> FloatArray:
         return np.asarray(low + (high - low) * even_points(_POSES, robot.n, rng))
     base = robot.fk(cell.base_posture)[:3, :3]
     R = cone_rotations_at(base, _TILT_RAD, even_points(_POSES, 3, rng))
-    poses = touching_poses(R, cell.tool_m, cell.target_m)
+    poses = poses_about_tool(robot, R, cell.tool_m, cell.target_m, cell.base_posture)
     checker, found = Checker(robot), []
     for k, at in enumerate(near):
         postures = nearest_postures(checker, poses[k :: len(near)], at)

@@ -437,12 +437,12 @@ _GIVES_WAY = ("compliance.", "bearing.")
 
 @dataclass(frozen=True, eq=False)
 class Mastering:
-    """Corrections of the zero points of joints that turn, as the robot's pendant shows them."""
+    """Corrections of the zero points of the arm's joints, as the robot's pendant shows them."""
 
     robot: Robot
     correction: FloatArray
-    """(n,): to be added to what the pendant shows to get where each joint is [rad]."""
-    sigma: FloatArray  # (n,): standard deviation of each [rad]; NaN where it is not known
+    """(n,): to be added to what the pendant shows to get where each joint is [rad, m]."""
+    sigma: FloatArray  # (n,): standard deviation of each [rad, m]; NaN where it is not known
     identified: BoolArray
     """(n,): whether a joint's own zero offset was identified. Others count as none: target or tool
     take it up, or it was not asked for."""
@@ -451,20 +451,35 @@ class Mastering:
     deviation is the largest that is possible."""
 
     def rows(self) -> list[dict[str, object]]:
-        """One row a joint of the pendant, in degrees."""
-        return [
-            {
-                "pendant_joint": f"J{j + 1}",
-                "joint": name,
-                "correction_deg": float(np.rad2deg(self.correction[j])),
-                "sigma_deg": float(np.rad2deg(self.sigma[j]))
-                if self._is_corrected(j) and np.isfinite(self.sigma[j])
-                else None,
-                "meaning": self._meaning(j),
-                "shown_at_zero_deg": float(-np.rad2deg(self.correction[j])) + 0.0,
+        """One row a joint of the pendant, in degrees; of an arm with slides in mm, too."""
+        units = ["deg", "mm"] if "mm" in self._units else ["deg"]
+        found = []
+        for j, name in enumerate(self.robot.arm_joints):
+            row: dict[str, object] = {"pendant_joint": f"J{j + 1}", "joint": name}
+            told = self._is_corrected(j) and np.isfinite(self.sigma[j])
+            values = {
+                "correction": self._shown(j),
+                "sigma": float(self._per_unit[j] * self.sigma[j]) if told else None,
+                "shown_at_zero": -self._shown(j) + 0.0,
             }
-            for j, name in enumerate(self.robot.arm_joints)
-        ]
+            for key, value in values.items():
+                if key == "shown_at_zero":
+                    row["meaning"] = self._meaning(j)
+                row |= {f"{key}_{u}": value if u == self._units[j] else None for u in units}
+            found.append(row)
+        return found
+
+    @property
+    def _units(self) -> tuple[str, ...]:
+        return self.robot.joint_units[self.robot.n_external :]
+
+    @property
+    def _per_unit(self) -> FloatArray:
+        return self.robot.per_unit[self.robot.n_external :]
+
+    def _shown(self, j: int) -> float:
+        """Correction of a joint [deg, mm]."""
+        return float(self._per_unit[j] * self.correction[j])
 
     def _is_corrected(self, j: int) -> bool:
         """Whether any offset that was identified has a part in a joint of the pendant."""
@@ -479,8 +494,7 @@ class Mastering:
             shown = f"the value of {self.robot.arm_joints[j]}, in the signs of the description"
         if not self._is_corrected(j):
             return f"J{j + 1} was not identified: its zero is taken as it is"
-        degrees = float(np.rad2deg(self.correction[j]))
-        text = f"add {degrees:+.4f} deg to {shown} to get where the joint is"
+        text = f"add {self._shown(j):+.4f} {self._units[j]} to {shown} to get where the joint is"
         parts = []
         for k in others:
             share = matrix[j, k] * matrix[k, k]  # both in the signs of the pendant

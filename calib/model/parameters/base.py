@@ -155,8 +155,8 @@ def joint_indices(
             hint="leave it out: only joints of the arm give way under a torque that is known",
             name=carriers[0],
         )
-    external = robot.joint_names[robot.external.sliding]
-    sliding = [j for j in external if turning and j in joints]
+    slides = [j for j, it_does in zip(robot.joint_names, robot.sliding, strict=True) if it_does]
+    sliding = [j for j in slides if turning and j in joints]
     if sliding:
         raise InputError(
             f"joint {sliding[0]!r} slides, and has no such error",

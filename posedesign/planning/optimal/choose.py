@@ -207,7 +207,7 @@ class Planning:
         self._kept, self._kept_of = keep, keep_of
         self._why, self._dropped, self._unused = "", list[str](), list[str]()
         # what is wrong with it is wrong with the task box about it, too
-        check_base_pose(cell, of_pool=True)
+        check_base_pose(cell)
         self._take(reference_of(cell), cell.model())
         self._rows = cell.rows(self._model)
         if self._objective.weighted and not cell.config.measurement.weighted:

@@ -122,11 +122,15 @@ def test_the_controller_sees_the_arm_as_without_the_rail(tmp_path):
     np.testing.assert_allclose(railed.controller.posture(shown), with_rail, atol=1e-12)
 
 
-def test_slides_behind_turning_joints_and_robots_that_only_slide_are_refused(tmp_path):
+def test_slides_carry_an_arm_of_four_joints_and_more(tmp_path):
+    """Those before fewer joints are the arm's own: a Cartesian robot, a SCARA on its column."""
     path = tmp_path / "robot.urdf"
     path.write_text(on_slides("r2000ic165f"))
-    with pytest.raises(RobotModelError, match="no joint between base and tip turns"):
-        Robot.from_urdf(path, tip="rail_carriage")
+    alone = Robot.from_urdf(path, tip="rail_carriage")
+    assert (alone.n_external, alone.joint_labels, alone.joint_units) == (0, ("J1",), ("mm",))
+    short, long = (Robot.from_urdf(path, tip=f"link_{k}") for k in (3, 4))
+    assert (short.n_external, short.sliding.tolist()) == (0, [True, False, False, False])
+    assert (long.n_external, long.sliding.tolist()) == (1, [True] + 4 * [False])
     held = Robot.from_urdf(path, held_m={"rail": 0.7})
     assert (held.n, held.n_external) == (6, 0)
     moving = Robot.from_urdf(path)

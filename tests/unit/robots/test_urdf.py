@@ -344,11 +344,6 @@ BROKEN = {
         "link 'b' has inertial origin xyz='1 2'",
         "b",
     ),
-    "prismatic": (
-        ABC + J1 + joint("j2", "b", "c", "prismatic"),
-        "joint j2 slides, behind joints that turn",
-        "j2",
-    ),
     "floating": (
         ABC + J1 + joint("j2", "b", "c", "floating"),
         "joint j2 is neither revolute nor prismatic",

@@ -26,6 +26,9 @@ of: after a stop the arm and what it carries swing for a few tenths of a second.
 LONGEST_GAP_S = 1.0
 """Between two messages of an arm, beyond which it is not known to stand."""
 
+LONGEST_S = 7 * 86400.0
+"""Of a recording: a week."""
+
 MOST_ROWS = 3_000_000
 """Messages of an arm that are kept: half an hour and more at 1 kHz."""
 
@@ -57,7 +60,16 @@ class ArmStream:
         return np.hstack([T[:, :3, 3], T[:, :3, :3].reshape(-1, 9) / np.sqrt(2.0)])
 
     def each_time_once(self, seconds: FloatArray) -> tuple[ArmStream, FloatArray]:
-        """Return rows with rising times, and these ``(M,)`` [s]."""
+        """Return rows with rising times, and these ``(M,)`` [s].
+
+        Raises InputError: the times are spread over more than a recording takes.
+        """
+        if float(np.ptp(seconds)) > LONGEST_S:
+            raise InputError(
+                f"{self.source}: times are spread over {np.ptp(seconds) / 86400:.3g} days",
+                hint="were clocks set meanwhile? cut the bag there",
+                name="recording",
+            )
         rise, first = np.unique(seconds, return_index=True)
         times = Times(self.times.stamp_ns[first], self.times.recorded_ns[first])
         kept = replace(
@@ -121,7 +133,7 @@ def read_joints(bag: Bag, topic: Topic, robot: Robot) -> ArmStream:
         which = order[called]
         values = np.asarray(message.content.position, dtype=float)
         if which is None or len(values) != len(called):
-            others |= dict.fromkeys(called[:40])
+            others |= dict.fromkeys(name[:60] for name in called[:40])
             continue
         more = [values[i] if i >= 0 else np.nan for i in which[1]]
         _keep(times, rows, message, np.append(values[which[0]], more))

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 MESSAGE = struct.Struct("<Hq")
 """Before the bytes of a message: number of its topic, and when it was recorded [ns]."""
 
+_LONGEST_NAME = 255
+"""Of a topic, as DDS has them."""
+
 
 def stream(data: bytes) -> Iterator[bytes]:
     """Yield the topics of a bag, then the messages of some of them; or why it cannot be read.
@@ -42,10 +45,12 @@ def _parts(job: dict[str, Any]) -> Iterator[bytes]:
         topics: dict[str, list[Any]] = {}
         for reader in readers:
             for one in reader.connections:
+                if len(one.topic) > _LONGEST_NAME:
+                    continue
                 known = topics.setdefault(one.topic, [one.msgtype, 0])
                 known[1] += one.msgcount
         start = min((reader.start_time for reader in readers if reader.message_count), default=0)
-        yield b"t" + json.dumps({"start_ns": start, "topics": topics}).encode()
+        yield b"t" + json.dumps({"start_ns": int(start), "topics": topics}).encode()
         for reader in readers:
             yield from _messages(reader, job)
 

@@ -37,6 +37,9 @@ _SHOWN_BEFORE = "shows what the still before shows"
 LONGEST_OFFSET_S = 3.0
 """Offset of two clocks that is looked for."""
 
+_COMPARED_S = 600.0
+"""From the begin of a recording on, in which clocks are compared."""
+
 _FEWEST_STARTS = 4
 """Times that the arm starts to move, from which on two clocks are compared."""
 
@@ -197,7 +200,7 @@ def clock_offsets(
         return []
     step = max(float(np.median(np.diff(seconds))), 0.02)
     begin, end = max(seconds[0], arm_seconds[0]), min(seconds[-1], arm_seconds[-1])
-    grid = np.arange(begin, end, step)
+    grid = np.arange(begin, min(end, begin + _COMPARED_S), step)
     most = min(int(LONGEST_OFFSET_S / step), len(grid) // 4)
     if step > WINDOW_S or most < 3:
         return []

@@ -11,8 +11,8 @@ import struct
 from collections.abc import Iterator
 from typing import Any
 
-FRAME = struct.Struct("<Qdii")
-"""Before the pixels of a picture: its number, time [s], height and width."""
+FRAME = struct.Struct("<Qddii")
+"""Before the pixels of a picture: its number, time [s], part of the video, height and width."""
 
 
 def stream(data: bytes) -> Iterator[bytes]:
@@ -46,6 +46,7 @@ def _frames(job: dict[str, Any]) -> Iterator[bytes]:
     if not 0 < width * height <= job["most_pixels"]:
         raise ValueError(f"claims {width:g} by {height:g} pixels")
     rate = capture.get(cv2.CAP_PROP_FPS)
+    count = max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 1.0)
     wanted = None if job["wanted"] is None else set(job["wanted"])
     number, last = -1, -1.0
     while capture.grab():
@@ -60,4 +61,8 @@ def _frames(job: dict[str, Any]) -> Iterator[bytes]:
         if not done or picture is None:
             continue
         grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
-        yield b"f" + FRAME.pack(number, time_s, *grey.shape) + grey.tobytes()
+        yield (
+            b"f"
+            + FRAME.pack(number, time_s, min((number + 1) / count, 1.0), *grey.shape)
+            + grey.tobytes()
+        )

@@ -28,11 +28,12 @@ _HEAD_BYTES = 16
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A picture of a recording."""
+    """A picture of a video."""
 
-    number: int  # in the recording, from 0
+    number: int  # in the video, from 0
     time_s: float
     picture: GreyImage
+    part: float  # of the recording that is read with it, from 0 to 1, as far as the file says
 
 
 def is_video(path: Path) -> bool:
@@ -63,10 +64,10 @@ def frames_of(path: Path, wanted: Collection[int] | None = None) -> Generator[Fr
         ):
             if part[:1] == b"e":
                 raise _fault(path, part[1:].decode("utf-8", "replace"))
-            number, time_s, height, width = FRAME.unpack_from(part, 1)
+            number, time_s, whole, height, width = FRAME.unpack_from(part, 1)
             pixels = np.frombuffer(part, dtype=np.uint8, offset=1 + FRAME.size)
             count += 1
-            yield Frame(number, time_s, pixels.reshape(height, width))
+            yield Frame(number, time_s, pixels.reshape(height, width), whole)
     except OSError as error:  # TimeoutError among them
         raise _fault(path, str(error)) from error
     if not count:

@@ -308,6 +308,14 @@ def test_a_second_run_replaces_its_own_stills_and_no_others(tmp_path):
     assert (taken.pictures / "mine.jpg").read_bytes() == b"\xff"
 
 
+def test_a_table_of_somebody_else_is_kept_and_said_before_the_work(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "joints.csv").write_text("j1_deg\n1\n")
+    said = refusal(tmp_path, SCENE.messages(NAMES))
+    assert "joints.csv does not say where it is from" in said.message
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["joints.csv"]
+
+
 def test_stills_are_not_written_through_a_link(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "out").mkdir()

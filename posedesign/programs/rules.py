@@ -57,18 +57,20 @@ def judged(
     items: Iterable[Judged],
     faults: Callable[[Judged], Iterable[Problem]],
     of: Callable[[Judged], Statement],
+    names: Callable[[Judged], Hashable] | None = None,
 ) -> Iterator[Problem]:
     """Problems of statements, or of what has one, of which few of each form are looked at.
 
     That holds for rules that ask of each number whether it lies between two others, or how long it
     is, and nothing of texts in quotes: where the smallest and the largest numbers of a form are
-    right, all are. A form has the same names, number for number.
+    right, all are. A form has the same names, number for number, or what ``names`` says of them.
     """
     groups: dict[Hashable, list[tuple[Judged, Statement]]] = {}
     for item in items:
         s = of(item)
-        shape, slots = s.shape, s.slots
-        key = (shape, *[slots[k] for k in shape.named]) if shape.named else shape
+        key: Hashable = s.shape
+        if names or s.shape.named:
+            key = s.shape, names(item) if names else (*[s.slots[k] for k in s.shape.named],)
         groups.setdefault(s if s.fault else key, []).append((item, s))
     for group in groups.values():
         chosen = {0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from lark import Token, Tree
 
@@ -16,6 +17,7 @@ from posedesign.programs.language import (
     Statement,
     is_a,
     shared,
+    subtrees,
     text_of,
 )
 
@@ -130,10 +132,19 @@ class Data:
     storage: str
     kind: str
     name: str
-    size: Tree[Token] | None
-    value: Node | None
-    elements: Sequence[Node] = ()
+    statement: Statement
+    listed: Sequence[Statement] = ()  # elements of a list, the first in the declaration
     whole: bool = True
+
+    @cached_property
+    def size(self) -> Tree[Token] | None:
+        """Sizes of a list; None of no list."""
+        return next(iter(self.statement.nodes(_sizes)), None)
+
+    @cached_property
+    def value(self) -> Node | None:
+        """The value; None without one, or where there are elements."""
+        return None if self.listed else next(iter(self.statement.nodes(value_of)), None)
 
     @property
     def count(self) -> int | None:
@@ -142,11 +153,64 @@ class Data:
         return int(size) if re.fullmatch(r"[0-9]{1,7}", size) else None
 
     @property
-    def values(self) -> list[tuple[str, Node]]:
+    def labelled(self) -> list[tuple[str, Statement]]:
         """The value, or those of the elements, each with what to call it."""
-        if self.value is not None:
-            return [(self.name, self.value)]
-        return [(f"{self.name}{{{k}}}", node) for k, node in enumerate(self.elements, start=1)]
+        if self.listed:
+            return [(f"{self.name}{{{k}}}", s) for k, s in enumerate(self.listed, start=1)]
+        return [(self.name, self.statement)] if self.statement.once(_has_value) else []
+
+    @property
+    def values(self) -> list[tuple[str, Node]]:
+        """The same, as trees."""
+        return [(label, s.nodes(value_of)[0]) for label, s in self.labelled]
+
+    @property
+    def nested(self) -> list[tuple[str, Nested | str]]:
+        """The same, as lists of texts."""
+        return [(label, _nested(s)) for label, s in self.labelled]
+
+
+def _head(tree: Tree[Token]) -> Sequence[Node]:
+    """Storage, type and name."""
+    return [child for child in tree.children if isinstance(child, Token)][:3]
+
+
+def _sizes(tree: Tree[Token]) -> list[Node]:
+    return [child for child in tree.children if is_a(child, "sizes")]
+
+
+def value_of(tree: Tree[Token]) -> list[Node]:
+    """The value of a declaration, or an element."""
+    head = _head(tree) if tree.data != "element" else []
+    besides = [c for c in tree.children if is_a(c, "scope") or is_a(c, "sizes")]
+    return tree.children[len(head) + len(besides) :]
+
+
+def _has_value(statement: Statement) -> bool:
+    return bool(value_of(statement.tree))
+
+
+def numbers_in_lists(statement: Statement) -> list[int] | None:
+    """How many texts stand in each list of a value that is a list of lists; None of another."""
+    value, *_ = value_of(statement.tree)
+    if not is_a(value, "list") or not all(is_a(part, "list") for part in value.children):
+        return None
+    parts = [part.children for part in subtrees(value)]
+    plain = all(isinstance(child, Token) for part in parts for child in part)
+    return [len(part) for part in parts] if plain else None
+
+
+def _leaves(tree: Tree[Token]) -> Iterator[Node]:
+    for part in subtrees(value_of(tree)[0]):  # type: ignore[arg-type]
+        yield from part.children
+
+
+def _nested(statement: Statement) -> Nested | str:
+    counts = statement.once(numbers_in_lists)
+    if counts is None:
+        return nested(statement.nodes(value_of)[0])
+    texts = iter([text.replace(" ", "") for text in statement.texts(_leaves)])
+    return [[next(texts) for _ in range(count)] for count in counts]
 
 
 def declared(statements: Sequence[Statement]) -> list[Data]:
@@ -158,26 +222,25 @@ def _declared(statements: Sequence[Statement]) -> Iterator[Data]:
     for i, statement in enumerate(statements):
         if statement.kind not in ("declaration", "array"):
             continue
-        children = list(statement.tree.children)
-        if isinstance(children[0], Tree):  # LOCAL, TASK
-            del children[0]
-        storage, kind, name, *rest = children
-        size = next((c for c in rest[:1] if isinstance(c, Tree) and c.data == "sizes"), None)
-        rest = rest[1:] if size else rest
-        value = rest[0] if rest and statement.kind == "declaration" else None
-        elements, j = rest if value is None else [], i + 1
+        storage, kind, name = statement.texts(_head)
+        listed, j = [statement] if statement.kind == "array" else [], i + 1
         while j < len(statements) and statements[j].kind == "element":
-            elements.append(statements[j].tree.children[0])
+            listed.append(statements[j])
             j += 1
-        whole = not elements or (j < len(statements) and statements[j].kind == "array_end")
-        kinds = str(storage).upper(), str(kind).lower()
-        yield Data(statement.row, *kinds, str(name), size, value, elements, whole)
+        whole = not listed or (j < len(statements) and statements[j].kind == "array_end")
+        yield Data(statement.row, storage.upper(), kind.lower(), name, statement, listed, whole)
 
 
-def calls(statement: Statement) -> Iterator[tuple[str, list[Argument]]]:
+def calls(statement: Statement) -> list[tuple[str, list[Argument]]]:
     """The call that a statement is, or holds: the routine in capitals, and its arguments."""
-    if statement.kind not in ("call", "compact_if"):
-        return
+    if statement.said is None:
+        holds = statement.kind in ("call", "compact_if")
+        statement.said = [*_calls(statement)] if holds else []
+    said: list[tuple[str, list[Argument]]] = statement.said
+    return said
+
+
+def _calls(statement: Statement) -> Iterator[tuple[str, list[Argument]]]:
     for call in statement.all("call"):
         found: list[Argument] = []
         for argument in call.children[1:]:

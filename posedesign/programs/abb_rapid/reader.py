@@ -205,29 +205,30 @@ class _Reader:
                 self._take_fault(statement)
 
     def _take_positions(self, data: Data) -> None:
-        name, row = data.name, data.row
-        numbered = data.storage != "VAR" or data.values
+        name, row, values = data.name, data.row, data.nested
+        numbered = data.storage != "VAR" or values
         missing = bool(numbered and _NUMBERED.fullmatch(name))
-        if data.values and name.upper() in self.names:
+        if values and name.upper() in self.names:
             refuse(f"{name} is there twice", self.path, row, "remove one of them")
-        if data.values:
+        if values:
             self.names.add(name.upper())
         if len(name) > _MOST_NAME:
             refuse(f"{name[:30]}... has {len(name)} characters", self.path, row)
-        if data.size and data.values and (not data.whole or data.count != len(data.values)):
+        if data.size and values and (not data.whole or data.count != len(values)):
             size = module.inside(data.size)[:20]
-            refuse(f"{name}{{{size}}} has {len(data.values)} elements", self.path, row)
-        for label, value in data.values:
+            refuse(f"{name}{{{size}}} has {len(values)} elements", self.path, row)
+        for label, value in values:
             position = StoredPosition.of(label, row, data.kind, self._filled(value), self.path)
             if not position.is_empty:
                 self.positions.append(position)
                 missing = False
-        if missing and not (data.size and data.values):
+        if missing and not (data.size and values):
             refuse(f"{name} has no value", self.path, row, "touch the position up")
 
-    def _filled(self, node: Node) -> Nested | str:
+    def _filled(self, value: Nested | str) -> Nested | str:
         """A value, with the parts that generators of programs give a name: ``conf``, ``extj``."""
-        value = nested(node)
+        if not self.parts:
+            return value
         parts = value if isinstance(value, list) else []
         return [self.parts.get(str(part).upper(), part) for part in parts] or value
 
@@ -265,7 +266,7 @@ class _Reader:
         elif is_a(target, "list"):
             name = f"[{row}[{len(self.positions)}"
             # a list that has a name in the place of a part is calculated: no position of the file
-            value = self._filled(target)
+            value = self._filled(nested(target))
             pairs = zip(target.children, value, strict=True)
             if all(isinstance(c, Token) or not isinstance(v, str) for c, v in pairs):
                 position = StoredPosition.of("", row, kind, value, self.path)

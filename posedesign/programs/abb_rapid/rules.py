@@ -35,7 +35,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Hashable, Iterator, Sequence, Set
+from operator import attrgetter
 from pathlib import Path
 
 from lark import Token, Tree
@@ -45,7 +46,7 @@ from posedesign.programs import rules
 from posedesign.programs.abb_rapid import module
 from posedesign.programs.abb_rapid.module import FRAMES, ROUTINES, SHAPES, Data, Nested
 from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of
-from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
+from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, nodes, text_of
 from posedesign.programs.language import words as token_texts
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
@@ -261,7 +262,7 @@ class _Checker:
         kind = ""
         for s in statements:  # components of a record look like calls
             kind = "record" if (kind, s.kind) == ("record", "call") else s.kind
-            self.calls.append([] if kind == "record" else list(module.calls(s)))
+            self.calls.append([] if kind == "record" else module.calls(s))
         self.called = {word for made in self.calls for word, _ in made}
         self.names: dict[tuple[int, str], tuple[str, Data | None]] = {}
         self.routines: list[int] = []
@@ -321,21 +322,29 @@ class _Checker:
                 length = len(re.sub(doubled, "_", string[1:-1]))
                 if length > MOST_STRING:
                     yield Problem(s.row, "string", f"a string of {length} characters")
+        joints: list[Data] = []
         for data in self.data:
             kind = data.kind.upper()
             if kind not in TYPES and kind not in self.types | self.told:
                 self.told.add(kind)
                 yield from self._unknown(data.row, kind, TYPES, "type")
-            elements = len(data.elements)
+            elements = len(data.listed)
             if not data.whole or (elements and data.count not in (None, elements)):
                 reason = f"{data.name}{{{module.inside(data.size)[:20]}}} has {elements} elements"
                 yield Problem(data.row, "position", reason + ", and no end" * (not data.whole))
             check = self._check_speed if data.kind == "speeddata" else self._check_position
-            if data.kind in (*SHAPES, "speeddata"):
+            if data.kind == "jointtarget" and not elements and data.statement.once(_is_joints):
+                joints.append(data)
+            elif data.kind in (*SHAPES, "speeddata"):
                 for label, value in data.values:
                     yield from check(data.row, label, data.kind, value)
             elif data.kind in FRAMES and is_a(data.value, "list") and not data.size:
                 yield from self._check_frame(data)
+        yield from rules.judged(joints, self._check_joints, attrgetter("statement"), lambda _: ())
+
+    def _check_joints(self, data: Data) -> Iterator[Problem]:
+        (label, value) = data.values[0]
+        return self._check_position(data.row, label, data.kind, value)
 
     def _check_speed(self, row: int, name: str, kind: str, value: Node) -> Iterator[Problem]:
         """Four numbers; also of a speed in a motion."""
@@ -408,24 +417,39 @@ class _Checker:
     def check_instructions(self) -> Iterator[Problem]:
         """Names and arguments, statement by statement."""
         used: set[str] = set()
-        for i, (s, made) in enumerate(zip(self.statements, self.calls, strict=True)):
-            self.routine = self.routines[i]
-            for node in s.all("variable", "function"):
-                name = str(node.children[0]).upper()
-                if s.kind not in _DECLARING:
-                    used.add(name)
-                if node.data == "function":
-                    yield from self._check_called(s.row, name, FUNCTIONS, INSTRUCTIONS)
-                else:
-                    yield from self._check_variable(s.row, name, node)
-            for word, given in made:
-                yield from self._check_called(s.row, word, INSTRUCTIONS, FUNCTIONS)
-                if word in SIGNATURES and word not in self.own:
-                    yield from self._check_arguments(s.row, word, given)
+        for s in self.statements:
+            if s.kind not in _DECLARING:
+                used.update(map(str.upper, s.texts(_used)))
+        indices = range(len(self.statements))
+        of = self.statements.__getitem__
+        yield from rules.judged(indices, self._check_instruction, of, self._character)
         for data in self.data:
             numbered = data.kind in SHAPES and _NAMED_POSITION.fullmatch(data.name)
             if numbered and data.name.upper() not in used:
                 yield measuring(data.row, "position-used", f"{data.name} is never used")
+
+    def _check_instruction(self, i: int) -> Iterator[Problem]:
+        s, self.routine = self.statements[i], self.routines[i]
+        for node in s.all("variable", "function"):
+            name = str(node.children[0]).upper()
+            if node.data == "function":
+                yield from self._check_called(s.row, name, FUNCTIONS, INSTRUCTIONS)
+            else:
+                yield from self._check_variable(s.row, name, node)
+        for word, given in self.calls[i]:
+            yield from self._check_called(s.row, word, INSTRUCTIONS, FUNCTIONS)
+            if word in SIGNATURES and word not in self.own:
+                yield from self._check_arguments(s.row, word, given)
+
+    def _character(self, i: int) -> Hashable:
+        """What matters of the names of a statement: their types, or else the names."""
+        self.routine = self.routines[i]
+        found: list[Hashable] = []
+        for word in self.statements[i].words("NAME"):
+            kind, data = self._find(word.upper()) or ("", None)
+            plain = data is not None and kind not in FRAMES
+            found.append((kind, data.count, bool(data.size)) if plain and data else word)
+        return tuple(found)
 
     def _find(self, name: str) -> tuple[str, Data | None] | None:
         return self.names.get((self.routine, name)) or self.names.get((0, name))
@@ -547,6 +571,16 @@ class _Checker:
             elif acts and not stands:
                 said = "no WaitTime\\InPos between the motion and this: the arm may still move"
                 yield measuring(s.row, "standstill", said)
+
+
+def _used(tree: Tree[Token]) -> list[Node]:
+    """Names of variables and functions."""
+    return [node.children[0] for node in nodes(tree, "variable", "function")]
+
+
+def _is_joints(s: Statement) -> bool:
+    """Whether the value that is declared is one of joints, in plain numbers."""
+    return bool(module.value_of(s.tree)) and module.numbers_in_lists(s) == [6, 6]
 
 
 def _is_name(node: Node) -> bool:

@@ -7,6 +7,7 @@ the second.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -116,11 +117,11 @@ def _size_of_misfit(
     fine = (board.rows, board.columns, len(_ACROSS), len(_ACROSS))
     # the gap of a grid is white, and in Kalibr's the squares of the row before are in it
     edge = np.s_[1:_AT_EDGE] if isinstance(board, MarkerGrid) else np.s_[:_AT_EDGE]
-    for turn in range(4):  # rows from above, columns from the right, rows from below ...
-        rows = _Rows(readable[own], at[own], black[own]).turned(turn, fine)
-        for row in np.flatnonzero(_may_end(rows, edge)).tolist():
-            if _ends(rows.of(row), rows.of(row + 1), edge):
-                return "smaller"
+    upright = _Rows(readable[own].reshape(fine), at[own].reshape(fine), black[own].reshape(fine))
+    for turn, row in _may_end(upright, edge):
+        rows = upright.turned(turn)
+        if _ends(rows.of(row), rows.of(row + 1), edge):
+            return "smaller"
     return ""
 
 
@@ -135,27 +136,36 @@ class _Rows(NamedTuple):
         """Return those of one row ``(columns, samples, samples)``."""
         return _Rows(self.readable[row], self.at[row], self.black[row])
 
-    def turned(self, turn: int, shape: tuple[int, int, int, int]) -> _Rows:
+    def turned(self, turn: int) -> _Rows:
         """Return them by quarter turns, of cells and in each cell."""
-        readable, at, black = (
-            np.rot90(np.rot90(np.reshape(each, shape), turn), turn, axes=(2, 3)) for each in self
+        readable = np.rot90(np.rot90(self.readable, turn), turn, axes=(2, 3))
+        at, black = (
+            np.rot90(np.rot90(each, turn), turn, axes=(2, 3)) for each in (self.at, self.black)
         )
-        return _Rows(np.asarray(readable, dtype=bool), np.asarray(at), np.asarray(black))
+        return _Rows(readable, at, black)
 
 
-def _may_end(rows: _Rows, edge: slice) -> BoolArray:
-    """Return the rows ``(rows - 1,)`` after which black is light: most boards have none."""
+def _may_end(rows: _Rows, edge: slice) -> Iterator[tuple[int, int]]:
+    """Yield quarter turns, and rows after which black is light: most boards have none."""
     readable, at, black = rows
-    usable = np.asarray(readable.all(axis=(2, 3)))[..., None, None]
-    dark, light = (
-        (at * where).sum(axis=(1, 2, 3)) / np.maximum(where.sum(axis=(1, 2, 3)), 1)
-        for where in (usable & (black == ink) for ink in (1.0, 0.0))
-    )
-    begins = readable[:, :, edge] & (black[:, :, edge] == 1.0)
-    there = (at[:, :, edge] * begins).sum(axis=(1, 2, 3)) / np.maximum(
-        begins.sum(axis=(1, 2, 3)), 1
-    )
-    return np.asarray(there[1:] > dark[:-1] + _PAPER * (light - dark)[:-1])
+    usable = readable.all(axis=(2, 3))
+    sums = []
+    for ink in (black == 1.0, black == 0.0):
+        sums.append((usable * (at * ink).sum(axis=(2, 3)), usable * ink.sum(axis=(2, 3))))
+    begins = readable & (black == 1.0)
+    for turn in range(4):  # rows from above, columns from the right, rows from below ...
+        along, order = 1 - turn % 2, slice(None, None, -1 if turn in (1, 2) else 1)
+        dark, light = (
+            (total.sum(axis=along) / np.maximum(count.sum(axis=along), 1))[order]
+            for total, count in sums
+        )
+        there, where = (
+            np.moveaxis(each, 3 - along, 2)[:, :, order][:, :, edge] for each in (at, begins)
+        )
+        count = where.sum(axis=(along, 2, 3))[order]
+        first = (there * where).sum(axis=(along, 2, 3))[order] / np.maximum(count, 1)
+        for row in np.flatnonzero(first[1:] > dark[:-1] + _PAPER * (light - dark)[:-1]).tolist():
+            yield turn, row
 
 
 def _ends(before: _Rows, row: _Rows, edge: slice) -> bool:

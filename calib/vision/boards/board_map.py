@@ -3,8 +3,9 @@
 A lens bends the picture of a plane by a few pixels, and smoothly: a polynomial of third order over
 the picture takes that up to some hundredths of a pixel, without knowing the lens. Points that do
 not lie on such a map are not of the board. A fisheye lens bends by more than the distance of
-neighbours. Its bend is taken first by one number, of the division model of Fitzgibbon,
-Simultaneous linear estimation of multiple view geometry and lens distortion, CVPR 2001.
+neighbours. Its bend is taken first by two numbers, of the model of Kannala and Brandt, A generic
+camera model and calibration method for conventional, wide-angle, and fish-eye lenses, IEEE TPAMI
+28, 2006.
 """
 
 from __future__ import annotations
@@ -31,11 +32,12 @@ ROUGH, ROUGH_MARKERS = 0.06, 0.15
 """Distance from the map of rough points that are the board's, in parts of the distance of
 neighbours: paper is not flat, and corners of small markers are off by a pixel."""
 
-_FISHEYE = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-"""Parts by which the corner of a picture is nearer to its middle than without a fisheye lens."""
+_FISHEYE = (0.5, 0.7, 0.9, 1.1, 1.3, 1.6)
+"""Angles [rad] off the axis of a fisheye lens at which the corner of a picture is seen."""
 
-_MOST = 0.85
-"""Share of points on the map from which on no fisheye lens is tried."""
+_MOST, _BETTER = 0.9, 0.02
+"""Share of points on the map from which on no fisheye lens is tried, and by how much more are on
+one with such a lens."""
 
 _FLOOR_PX = 0.3
 """Points nearer than that to the map are never others: what the polynomial does not take of a lens
@@ -44,24 +46,65 @@ is less."""
 
 @dataclass(frozen=True, eq=False)
 class Fisheye:
-    """A lens that draws pixels towards a middle by the division model."""
+    """A lens that draws pixels towards a middle.
+
+    A ray at the angle ``a`` off the axis is seen ``focal_px * (a + cubic * a³)`` from the middle,
+    and ``focal_px * tan(a)`` without the lens.
+    """
 
     middle: FloatArray  # (2,): of the picture [px]
-    strength: float  # one over the square of pixels
+    focal_px: float
+    cubic: float = 0.0
 
     def straight(self, px: FloatArray) -> FloatArray:
         """Return pixels ``(..., 2)`` without the lens."""
-        off = px - self.middle
-        part = 1.0 - self.strength * (off * off).sum(axis=-1, keepdims=True)
-        return np.asarray(self.middle + off / np.maximum(part, 0.05))
+        off = (px - self.middle) / self.focal_px
+        far = np.maximum(np.linalg.norm(off, axis=-1, keepdims=True), 1e-9)
+        angle = far.copy()
+        for _ in range(4):  # of Newton's method
+            excess = angle * (1.0 + self.cubic * angle**2) - far
+            angle = angle - excess / np.maximum(1.0 + 3.0 * self.cubic * angle**2, 0.2)
+        part = np.tan(np.clip(angle, 1e-9, _WIDEST)) / far
+        return np.asarray(self.middle + self.focal_px * part * off)
 
     def bent(self, px: FloatArray) -> FloatArray:
         """Return pixels ``(..., 2)`` with the lens."""
-        off = px - self.middle
-        square = (off * off).sum(axis=-1, keepdims=True)
-        return np.asarray(
-            self.middle + 2.0 * off / (1.0 + np.sqrt(1.0 + 4 * self.strength * square))
-        )
+        off = (px - self.middle) / self.focal_px
+        far = np.maximum(np.linalg.norm(off, axis=-1, keepdims=True), 1e-9)
+        angle = np.arctan(far)
+        part = angle * (1.0 + self.cubic * angle**2) / far
+        return np.asarray(self.middle + self.focal_px * part * off)
+
+    def fitted(self, xy: FloatArray, px: FloatArray) -> Fisheye:
+        """Return the lens that points ``(K, 2)`` of a plane keep to best, from this one on."""
+        lens, steps = self, np.array([[0.01, 0.0], [0.0, 0.01]])
+        for _ in range(_LENS_ROUNDS):
+            misses = [lens._moved(step)._miss(xy, px) for step in (np.zeros(2), *steps)]
+            if any(miss is None for miss in misses):
+                return lens
+            here, *others = (np.asarray(miss) for miss in misses)
+            slope = np.stack([(other - here) / 0.01 for other in others], axis=1)
+            moved = np.asarray(np.linalg.lstsq(slope, -here, rcond=None)[0], dtype=float)
+            lens = lens._moved(np.clip(moved, -0.2, 0.2))
+        return lens
+
+    def _moved(self, by: FloatArray) -> Fisheye:
+        cubic = float(np.clip(self.cubic + by[1], -0.25, 0.25))
+        return Fisheye(self.middle, self.focal_px * float(np.exp(by[0])), cubic)
+
+    def _miss(self, xy: FloatArray, px: FloatArray) -> FloatArray | None:
+        """Return distances ``(2 K,)`` [px] of points from those of the plane."""
+        H, _ = cv2.findHomography(xy, self.straight(px), 0)
+        if H is None or not np.isfinite(H).all():
+            return None
+        return np.asarray(self.bent(_projected(np.asarray(H, dtype=float), xy)) - px).ravel()
+
+
+_LENS_ROUNDS, _LENS_POINTS = 3, 20
+"""Rounds in which a lens is fitted, and the fewest points that tell one."""
+
+_WIDEST = 1.5
+"""Largest angle [rad] off the axis of a lens at which anything is looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +144,7 @@ def fit_map(
     refined: bool = False,
     rough: float = ROUGH,
     shape: tuple[int, ...] | None = None,
-    fisheye: Fisheye | None = None,
+    start: BoardMap | None = None,
 ) -> tuple[BoardMap, BoolArray] | None:
     """Fit the map that most of the points keep to, and tell which points do.
 
@@ -118,8 +161,8 @@ def fit_map(
     shape : tuple of int, optional
         Height and width of the picture. Fisheye lenses are tried where they are given and many
         points keep to no map without.
-    fisheye : Fisheye, optional
-        The lens, where it is known from a map before.
+    start : BoardMap, optional
+        A map before, whose lens is kept.
 
     Returns
     -------
@@ -129,18 +172,30 @@ def fit_map(
     if len(xy) < 4:
         return None
     floor = _FLOOR_PX if refined else max(rough * near_px, 1.0)
-    best = _fit_robustly(xy, px, near_px, floor, refined, fisheye)
+    fisheye = None if start is None else start.fisheye
+    best = _fit_robustly(xy, px, near_px, floor, refined, fisheye, start)
     if shape is None or fisheye is not None or len(xy) < 16:
         return best
-    if best is not None and best[1].mean() > _MOST:
+    near = _share_near(best, xy, px, floor)
+    if near > _MOST:
         return best
     middle = np.array([shape[1], shape[0]]) / 2.0 - 0.5
-    for part in _FISHEYE:
-        lens = Fisheye(middle, part / float(middle @ middle))
-        other = _fit_robustly(xy, px, near_px, floor, refined, lens)
-        if other is not None and (best is None or other[1].sum() > best[1].sum()):
-            best = other
+    for angle in _FISHEYE:
+        lens = Fisheye(middle, float(np.linalg.norm(middle)) / angle)
+        other = _fit_robustly(xy, px, near_px, floor, refined, lens, start)
+        share = _share_near(other, xy, px, floor)
+        if share > near + _BETTER:
+            best, near = other, share
     return best
+
+
+def _share_near(
+    fitted: tuple[BoardMap, BoolArray] | None, xy: FloatArray, px: FloatArray, far_px: float
+) -> float:
+    """Return the share of points that are no farther off a map."""
+    if fitted is None:
+        return 0.0
+    return float(np.mean(np.linalg.norm(fitted[0](xy) - px, axis=1) < far_px))
 
 
 def _fit_robustly(
@@ -150,18 +205,24 @@ def _fit_robustly(
     floor: float,
     refined: bool,
     fisheye: Fisheye | None,
+    start: BoardMap | None = None,
 ) -> tuple[BoardMap, BoolArray] | None:
-    straight = px if fisheye is None else fisheye.straight(px)
-    first, kept = cv2.findHomography(
-        xy, straight, cv2.RANSAC, max(_FIRST_MISS * near_px, 2.0), maxIters=500
-    )
-    if first is None or kept is None:
-        return None
-    inside = kept.ravel() > 0
+    limit = max(_FIRST_MISS * near_px, 2.0)
+    if start is not None:
+        inside = np.linalg.norm(start(xy) - px, axis=1) < limit
+    else:
+        straight = px if fisheye is None else fisheye.straight(px)
+        first, kept = cv2.findHomography(xy, straight, cv2.RANSAC, limit, maxIters=500)
+        if first is None or kept is None:
+            return None
+        inside = kept.ravel() > 0
     found: BoardMap | None = None
     for k in range(_ROUNDS):
-        if np.count_nonzero(inside) < 4:
+        count = np.count_nonzero(inside)
+        if count < 4:
             return None
+        if fisheye is not None and k < _LENS_ROUNDS and count >= _LENS_POINTS:
+            fisheye = fisheye.fitted(xy[inside], px[inside])
         found = _fit(xy[inside], px[inside], fisheye)
         if found is None:
             return None
@@ -212,7 +273,14 @@ def _projected(homography: FloatArray, xy: FloatArray) -> FloatArray:
 def _terms(at: FloatArray, count: int) -> FloatArray:
     """Powers of the pixels ``(..., count)``, all orders from zero on."""
     x, y = at[..., 0], at[..., 1]
-    rows = [[np.ones_like(x)]]
-    while sum(map(len, rows)) < count:  # of each order from those of the one before
-        rows.append([power * y for power in rows[-1]] + [rows[-1][-1] * x])
-    return np.stack([power for row in rows for power in row], axis=-1)
+    terms = np.empty((*at.shape[:-1], count))
+    terms[..., 0] = 1.0
+    first, order = 0, 0
+    while first + order + 1 < count:  # of each order from those of the one before
+        after = first + order + 1
+        np.multiply(
+            terms[..., first:after], y[..., None], out=terms[..., after : after + order + 1]
+        )
+        np.multiply(terms[..., after - 1], x, out=terms[..., after + order + 1])
+        first, order = after, order + 1
+    return terms

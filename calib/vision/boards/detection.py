@@ -132,7 +132,7 @@ def sight(
             if said:
                 return BoardSighting.failed(board, "another board", _not_the(board, said))
         if found is not None:
-            side = _side_of_markers(board, markers)
+            side = _side_of_markers(board, markers, found)
             if abs(side - 1.0) > max(SIDE_OFF, SIDE_OFF_PX * read_px / markers.side_px):
                 said = f"markers of {side * board.marker_m / board.step_m[0]:.2f} of "
                 said += "the spacing" if isinstance(board, MarkerGrid) else "a square"
@@ -162,10 +162,10 @@ def _not_the(board: Board, said: str) -> str:
     return f"the picture shows {said}, not the {board.words}: correct the description"
 
 
-def _side_of_markers(board: MarkerBoard, markers: Markers) -> float:
+def _side_of_markers(board: MarkerBoard, markers: Markers, found: Found) -> float:
     """Return the side of markers in parts of the described one; NaN where they do not tell."""
     if not isinstance(board, MarkerGrid):
-        return side_of_markers(board, markers)
+        return side_of_markers(board, markers, found.explained)
     if board.is_kalibr:  # its squares touch the corners of tags, and decoders miss them
         return float("nan")
     known = markers.those(np.isin(markers.ids, board.ids))
@@ -228,7 +228,7 @@ def _fit_map(
     least: int = LEAST_POINTS,
 ) -> tuple[BoardMap, NDArray[np.bool_]] | None:
     """Return the map that good points lie on, and which of all ``(K,)`` do; None of too few."""
-    good = measured.good.copy()
+    good = np.array(measured.good)
     if np.count_nonzero(good) < least:
         return None
     fitted = fit_map(
@@ -237,7 +237,7 @@ def _fit_map(
         near_px,
         refined=True,
         shape=shape,
-        fisheye=board_map.fisheye,
+        start=board_map,
     )
     if fitted is None:
         return None

@@ -114,13 +114,13 @@ def refine(
             for group in range(len(sigma) if free else 0):
                 known = step.sound & (lines.group == group) & inside[:, None]
                 if known.any():
-                    sigma[group] = np.clip(np.median(step.sigma[known]), 0.4, 6.0)
+                    sigma[group] = np.clip(_middle(step.sigma[known]), 0.4, 6.0)
         px += (lines.mover @ offset[..., None])[..., 0]
     wanted = lines.wanted
     contrast = step.contrast
-    usual = float(np.median(contrast[wanted & step.sound])) if (wanted & step.sound).any() else 0.0
+    usual = _middle(contrast[wanted & step.sound]) if (wanted & step.sound).any() else 0.0
     clear = contrast >= max(LEAST_CONTRAST, LEAST_OF_USUAL * usual)
-    like = step.likeness >= LEAST_LIKENESS
+    like = _likeness(profiles, step.ideal) >= LEAST_LIKENESS
     clear &= lines.arms(grey) >= LEAST_OF_ARM * contrast
     share = (clear & like & wanted).sum(axis=1) / wanted.sum(axis=1)
     good = inside & (share >= lines.share) & np.isfinite(px).all(axis=1)
@@ -313,7 +313,7 @@ class _Steps:
     contrast: FloatArray
     base: FloatArray
     sigma: FloatArray
-    likeness: FloatArray
+    ideal: FloatArray  # (K, E, V): the step alone, from 0 to 1, before it was moved
     sound: BoolArray
 
 
@@ -349,17 +349,17 @@ def _fit_steps(
     largest = sigma * 1.5
     moved = np.clip(found[..., 2] / safe, -largest, largest)
     blur = sigma + np.clip(found[..., 3] / safe, -sigma / 2, sigma) if free else sigma
-    centred = profiles - profiles.mean(axis=-1, keepdims=True)
-    ideal = step - step.mean(axis=-1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        likeness = (centred * ideal).sum(axis=-1) / np.sqrt(
-            (centred**2).sum(axis=-1) * (ideal**2).sum(axis=-1)
-        )
-    return _Steps(
-        np.where(sound, moved, 0.0),
-        contrast,
-        found[..., 0],
-        blur,
-        np.nan_to_num(likeness),
-        sound,
-    )
+    return _Steps(np.where(sound, moved, 0.0), contrast, found[..., 0], blur, step, sound)
+
+
+def _likeness(profiles: FloatArray, ideal: FloatArray) -> FloatArray:
+    """Return the correlation ``(K, E)`` of grey levels with steps ``(K, E, V)``."""
+    profiles = profiles - profiles.mean(axis=-1, keepdims=True)
+    ideal = ideal - ideal.mean(axis=-1, keepdims=True)
+    sizes = (profiles**2).sum(axis=-1) * (ideal**2).sum(axis=-1)
+    return np.asarray((profiles * ideal).sum(axis=-1) / np.sqrt(np.maximum(sizes, 1e-9)))
+
+
+def _middle(values: FloatArray) -> float:
+    """Return the median of values, the upper one of two."""
+    return float(np.partition(values, len(values) // 2)[len(values) // 2])

@@ -168,7 +168,7 @@ def match_markers(
     if fitted is None or not is_face_up(board, fitted[0], xy[fitted[1]]):
         return None
     board_map, inside = fitted
-    whole = inside.reshape(-1, 4).all(axis=1)
+    whole = np.asarray(inside.reshape(-1, 4).all(axis=1))
     seen = np.unique(index[whole])
     if len(seen) < LEAST_MARKERS:
         return None

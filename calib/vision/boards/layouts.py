@@ -137,13 +137,18 @@ def another_layout(board: MarkerBoard, markers: Markers) -> str:
     return best
 
 
-def side_of_markers(board: MarkerBoard, markers: Markers) -> float:
-    """Return the side of the markers that are seen, in parts of the described one; NaN if few."""
+def side_of_markers(board: MarkerBoard, markers: Markers, explained: int) -> float:
+    """Return the side of the markers that are seen, in parts of the described one; NaN if few.
+
+    ``explained``: number of those that lie as on the board.
+    """
     known, layout = markers.those(np.isin(markers.ids, board.ids)), Layout.of(board)
     step, sides = board.step_m[0], [(0, np.nan)]
     for turn in turns_of(board):
         way = known.turned(turn)
-        inside, H = layout.explains(way, board.marker_m / step)
+        inside, H = np.ones(len(way), dtype=bool), np.eye(3)
+        if explained < len(way):
+            inside, H = layout.explains(way, board.marker_m / step)
         count = int(inside.sum())
         if count >= _LEAST_SIDES:
             side = _side_in_steps(way.those(inside), layout.places(known.ids[inside]), H)

@@ -410,12 +410,12 @@ def test_boards_are_found_in_pictures_of_a_fisheye_lens(kind):
     truth = size / 2 + focal * np.arctan2(flat, seen[:, 2:]) * seen[:, :2] / flat
     sighting = detect_board(picture, board)
     assert (sighting.status, sighting.message) == ("ok", "")
-    assert sighting.seen.mean() > 0.7
+    assert sighting.seen.mean() > 0.95
     error = min(
         np.sqrt(np.mean((sighting.pixels - way)[sighting.seen] ** 2))
         for way in (truth, truth[::-1])
     )
-    assert error < 0.3
+    assert error < 0.05
 
 
 def test_a_part_of_a_board_with_markers_is_enough():

@@ -91,14 +91,11 @@ class KnownMotions:
 
     def blocked(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """Motions ``(K, K)`` from each of ``(K, n)`` to each of ``(K, n)`` known to be blocked."""
-        enter = _rows(ends)
-        found = np.zeros((len(starts), len(ends)), dtype=bool)
-        for one, rows in _rows(starts).items():
-            shut = [
-                row for other in enter.keys() & self._shut.get(one, set()) for row in enter[other]
-            ]
-            found[np.ix_(rows, shut)] = True
-        return found
+        return _between(self._shut, starts, ends)
+
+    def clear(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """Motions ``(K, K)`` known to be clear, as :meth:`blocked`."""
+        return _between(self._clear, starts, ends)
 
     def through(
         self, start: FloatArray, end: FloatArray, others: Sequence[FloatArray]
@@ -253,6 +250,16 @@ def _join(ends: dict[bytes, set[bytes]], a: FloatArray, b: FloatArray) -> None:
     """Add a motion to those of both of its ends."""
     ends.setdefault(a.tobytes(), set()).add(b.tobytes())
     ends.setdefault(b.tobytes(), set()).add(a.tobytes())
+
+
+def _between(known: dict[bytes, set[bytes]], starts: FloatArray, ends: FloatArray) -> BoolArray:
+    """Motions ``(K, K)`` from each of ``(K, n)`` to each of ``(K, n)`` that are among some."""
+    enter = _rows(ends)
+    found = np.zeros((len(starts), len(ends)), dtype=bool)
+    for one, rows in _rows(starts).items():
+        there = [row for other in enter.keys() & known.get(one, set()) for row in enter[other]]
+        found[np.ix_(rows, there)] = True
+    return found
 
 
 def _rows(postures: FloatArray) -> dict[bytes, list[int]]:

@@ -25,7 +25,7 @@ from posedesign.motion.order import OrderSearch, legs_of
 if TYPE_CHECKING:
     from posedesign.cell import Cell
 
-MOST_ORDERS = 8
+MOST_ORDERS = 20
 """Orders tried while motions turn out to be blocked; each try checks only motions not yet known."""
 
 MOST_SEARCHES = 2
@@ -36,6 +36,13 @@ NEIGHBOURS = 16
 """Motions to the nearest places that are checked at once where a motion is blocked: where one way
 is blocked, so may be those that are tried next. The first time, of all places: checks take a tenth
 of the time by hundreds."""
+
+DOUBT = 1.2
+"""What the time of a motion that was not looked at counts for, once others are blocked, over that
+of one that is known to be clear: without it each repair goes by motions that are blocked again."""
+
+MOST_DOUBLED = 10
+"""How often the number of those is doubled for a place whose motions turn out to be blocked."""
 
 MOTION_SHARE = 1e-3
 """Of the mean time over the joints, added to that of the slowest: of the many orders that take as
@@ -333,36 +340,39 @@ class Router:
         """A quick order of some places that avoids blocked motions, where there is one."""
         leave, enter = places.leave[rows], places.enter[rows]
         times = self._times(leave[:, None], enter[None])
-        times[self._known.blocked(leave, enter)] = np.inf
-        found = OrderSearch(times, closed=places.closed)
-        among = _Among(places, rows, times)
-        self._repair(found, among)
+        shut = self._known.blocked(leave, enter)
+        times[shut] = np.inf
+        known = shut | self._known.clear(leave, enter) | np.eye(len(rows), dtype=bool)
+        among = _Among(places, rows, times, known)
+        self._repair(among)
         for _ in range(MOST_SEARCHES):
-            found.search()
-            if not self._repair(found, among):
+            among.search.search()
+            if not self._repair(among):
                 break
-        return [rows[i] for i in found.order]
+        return [rows[i] for i in among.search.order]
 
-    def _repair(self, found: OrderSearch, among: _Among) -> bool:
+    def _repair(self, among: _Among) -> bool:
         """Check the motions of an order, and repair it where they are blocked; whether it was.
 
-        With each blocked motion those from its ends to the nearest places are checked; the first
-        time, those from all places to the nearest.
+        With each blocked motion those from its ends to the nearest places are checked, twice as
+        many each time that a motion of a place is blocked; the first time, those from all places.
         """
         for tries in range(MOST_ORDERS):
-            legs = legs_of(found.order, closed=among.places.closed)
-            blocked = self._found_blocked(legs, among)
+            looked_at = self._look_at(among.legs, among)
+            blocked = [leg for leg in looked_at if np.isinf(among.times[leg])]
             if not blocked:
                 return tries > 0
-            about = list(range(len(among.rows)))
-            if among.looked_about:
-                about = sorted({k for leg in blocked for k in leg})
-            among.looked_about = True
-            found.block([*blocked, *self._found_blocked(among.nearest_unknown(about), among)])
+            if among.asked.any():
+                ends = sorted({k for leg in blocked for k in leg})
+                looked_at += self._look_at(among.nearest_unknown(ends), among)
+                among.take(looked_at)
+            else:
+                self._look_at(among.nearest_unknown(list(range(len(among.rows)))), among)
+                among.doubt()
         return True
 
-    def _found_blocked(self, legs: list[tuple[int, int]], among: _Among) -> list[tuple[int, int]]:
-        """Check motions, and return those that are blocked and were not known to be."""
+    def _look_at(self, legs: list[tuple[int, int]], among: _Among) -> list[tuple[int, int]]:
+        """Check motions that are not known; returns them, those back with them."""
         legs = [leg for leg in legs if not among.known[leg]]
         self._known.check([among.leg(*leg) for leg in legs])
         blocked = [leg for leg in legs if self._known.reason(*among.leg(*leg))]
@@ -373,7 +383,7 @@ class Router:
             among.known[leg] = True
         for leg in blocked:
             among.times[leg] = np.inf
-        return blocked
+        return legs
 
     def _times(self, leave: FloatArray, enter: FloatArray) -> FloatArray:
         """Times ``(...)`` [s] from leaving places to being at others, all motions clear."""
@@ -400,29 +410,47 @@ class _Places:
 
 
 class _Among:
-    """Motions among the places of one order.
+    """Motions among the places of one order, and the search for it.
 
-    ``rows`` (K,): the places, by their number in the order's search. ``times`` (K, K): of the
-    motions [s], infinite for those known to be blocked. ``known`` (K, K): motions that were looked
-    at.
+    ``rows`` (K,): the places, by their number in the search. ``times`` (K, K): of the motions [s],
+    infinite for those known to be blocked. ``known`` (K, K): motions that were looked at.
     """
 
-    def __init__(self, places: _Places, rows: list[int], times: FloatArray) -> None:
-        self.places, self.rows, self.times = places, rows, times
-        self.known: BoolArray = np.isinf(times) | np.eye(len(rows), dtype=bool)
+    def __init__(
+        self, places: _Places, rows: list[int], times: FloatArray, known: BoolArray
+    ) -> None:
+        self.places, self.rows, self.times, self.known = places, rows, times, known
         self.same_back = places.enter is places.leave  # motions are the same in both directions
-        self.looked_about = False  # whether motions from all places to the nearest were checked
+        self.search = OrderSearch(times, closed=places.closed)
+        self.asked = np.zeros(len(rows), dtype=np.intp)
+        """(K,): how often the quickest motions of each place were asked for."""
+
+    @property
+    def legs(self) -> list[tuple[int, int]]:
+        """The motions of the order that was found."""
+        return legs_of(self.search.order, closed=self.places.closed)
 
     def leg(self, start: int, end: int) -> Leg:
         return self.places.leg(self.rows[start], self.rows[end])
 
+    def doubt(self) -> None:
+        """Search anew, for an order that goes by motions known to be clear where there are some."""
+        times = np.where(self.known, self.times, DOUBT * self.times)
+        self.search = OrderSearch(times, closed=self.places.closed)
+
+    def take(self, legs: list[tuple[int, int]]) -> None:
+        """Tell the search what was found out of motions."""
+        self.search.change(legs, np.array([self.times[leg] for leg in legs]))
+
     def nearest_unknown(self, some: list[int]) -> list[tuple[int, int]]:
         """From each of some places, the quickest motions that were not looked at."""
         times = np.where(self.known[some], np.inf, self.times[some])
-        nearest = np.argsort(times, axis=1, kind="stable")[:, :NEIGHBOURS]
+        nearest = np.argsort(times, axis=1, kind="stable")
+        counts = NEIGHBOURS << np.minimum(self.asked[some], MOST_DOUBLED)
+        self.asked[some] += 1
         return [
             (k, j)
-            for k, ends in zip(some, nearest.tolist(), strict=True)
-            for j in ends
+            for k, ends, count in zip(some, nearest.tolist(), counts.tolist(), strict=True)
+            for j in ends[:count]
             if not self.known[k, j]
         ]

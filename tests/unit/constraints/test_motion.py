@@ -102,6 +102,19 @@ def test_long_orders_are_near_the_best_known(seed, best):
     assert best * (1.0 - 1e-5) <= found <= 1.005 * best
 
 
+@pytest.mark.parametrize(("count", "best"), [(217, 64.066764), (501, 126.649813)])
+def test_orders_of_hundreds_with_blocked_ways_are_near_the_best_known(count, best):
+    """Half of the ways blocked: within 1 % of rounds by Lin, Kernighan and Helsgaun (elkai 2.0.1).
+
+    None of the blocked ways is taken.
+    """
+    cost = costs(count, 0)
+    shut = np.triu(np.random.default_rng(100).uniform(size=cost.shape) < 0.5, 1)
+    cost[shut | shut.T] = np.inf
+    found = length(cost, shortest_order(cost, closed=True), True)
+    assert best * (1.0 - 1e-7) <= found <= 1.01 * best
+
+
 @pytest.mark.parametrize("count", [12, 27, 90])
 def test_the_order_does_not_depend_on_rounding(count):
     """As arithmetic of another machine differs: by some of the last digits of each cost."""
@@ -120,7 +133,7 @@ def test_an_order_is_repaired_where_ways_turn_out_to_be_blocked(closed):
         legs = legs_of(order, closed=closed)
         shut = max(legs, key=lambda leg: cost[leg])
         cost[shut] = cost[shut[::-1]] = np.inf
-        found.block([shut, shut[::-1]])
+        found.change([shut, shut[::-1]], np.array([np.inf, np.inf]))
     found.search()
     again = found.order
     assert sorted(again) == list(range(40))

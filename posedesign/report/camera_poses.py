@@ -28,9 +28,15 @@ _AXES = (("x", VERMILION, "o"), ("y", GREEN, "s"), ("z", BLUE, "^"))
 _LEAST_WIDTH = 0.1
 """Of the space that is drawn along an axis, in parts of the widest."""
 
-_PYRAMID, _FRAME = 0.25, 0.12
-"""Height of a camera in parts of its distance from the board, and length of the axes of a frame, in
-parts of the space."""
+_PYRAMID, _FRAME, _BASE = 0.25, 0.05, 0.12
+"""Height of a camera in parts of its distance from the board, and length of the axes of its frame
+and of those of the base, in parts of the space."""
+
+_FEW = 20
+"""Pictures from which on cameras are drawn smaller, so as not to hide each other."""
+
+_MOST_NAMED = 6
+"""Pictures that are left out and named in space; of more, names would stand on each other."""
 
 _WIDEST = 1.5
 """Half of the width of a view over its distance, at most: those of fisheye lenses have no end."""
@@ -66,6 +72,7 @@ class _Space:
     """By "used" and "left out": outlines of cameras ``(L, 3)``."""
     boards: dict[str, list[FloatArray]]  # likewise their rectangles (4, 3)
     frames: FloatArray  # (S, 4, 4): of all of these, and of the base as the first
+    part: float  # length of their axes in parts of the space
     named: list[tuple[str, FloatArray]]  # pictures that are left out, and where
 
     @classmethod
@@ -79,7 +86,8 @@ class _Space:
         cameras: dict[str, list[FloatArray]] = {"used": [], "left out": []}
         boards: dict[str, list[FloatArray]] = {"used": [], "left out": []}
         placed, named = [np.eye(4)], list[tuple[str, FloatArray]]()
-        height = _PYRAMID * file.distance_mm / 1e3
+        crowded = min(1.0, np.sqrt(_FEW / max(len(file.flange_poses), 1)))
+        height = crowded * _PYRAMID * file.distance_mm / 1e3
 
         def place(T: FloatArray, label: str, group: str) -> None:
             placed.append(T)
@@ -102,7 +110,7 @@ class _Space:
                 place(at, label, "used" if picture.is_used else "left out")
                 if not picture.is_used:
                     named.append((picture.picture, 1e3 * at[:3, 3]))
-        return cls(cameras, boards, np.array(placed), named)
+        return cls(cameras, boards, np.array(placed), _FRAME * crowded, named)
 
     @property
     def limits(self) -> FloatArray:
@@ -165,17 +173,17 @@ def _draw_space(figure: SubFigure, space: _Space) -> None:
             add(Poly3DCollection(boards, facecolor=face, edgecolor=colour, lw=0.6, alpha=0.35))
         if cameras:
             add(Line3DCollection(cameras, colors=colour, linewidths=0.6))
-    length = _FRAME * float(np.max(high - low))
+    widest = float(np.max(high - low))
     for k, (name, colour, _) in enumerate(_AXES):
         at = 1e3 * space.frames[:, :3, 3]
-        # those of the base are longer: it is one, and nothing else is drawn of it
-        long = np.full(len(at), 0.4 * length)
-        long[0] = length
+        # those of the base are longer: nothing else is drawn of it
+        long = np.full(len(at), space.part * widest)
+        long[0] = _BASE * widest
         ends = at + long[:, None] * space.frames[:, :3, k]
         add(Line3DCollection(np.stack([at, ends], axis=1), colors=colour, linewidths=1.0))
         panel.plot([], [], [], color=colour, lw=1.0, label=f"{name} axis")
-    panel.text(0.0, 0.0, -0.3 * length, "base", fontsize=SMALL, ha="center", va="top")
-    for name, place in space.named[: figures.MOST_NAMED]:
+    panel.text(0.0, 0.0, -0.3 * _BASE * widest, "base", fontsize=SMALL, ha="center", va="top")
+    for name, place in space.named if len(space.named) <= _MOST_NAMED else ():
         panel.text(*place, f" {name}", fontsize=7, color=VERMILION, parse_math=False)
     if space.named:
         panel.plot([], [], [], color=VERMILION, lw=3.0, alpha=0.5, label="left out")

@@ -215,9 +215,10 @@ class _Placed:
 
 
 def _write_head(page: Page, board: Board, verdict: str, longer: float, sheet: str) -> None:
-    height = _SHEET[1]
-    for k, line in enumerate(_lines(verdict, _VERDICT, 2)):
-        page.add_text(line, (_MARGIN, height - 20.0 - 11.0 * k), 9.0, bold=True)
+    top = _SHEET[1] - 20.0
+    for line in _lines(verdict, _VERDICT, 2):
+        page.add_text(line, (_MARGIN, top), 9.0, bold=True)
+        top -= 11.0
     labels = "the number of its marker" if isinstance(board, MarkerGrid) else "its number"
     said = f"{sheet}; circle: a point as it was found, with {labels}"
     if longer:
@@ -226,7 +227,7 @@ def _write_head(page: Page, board: Board, verdict: str, longer: float, sheet: st
             "a caption says otherwise"
         )
     said += "; red: left out"
-    page.add_text(said, (_MARGIN, height - 44.0), SMALL, GREY)
+    page.add_text(said, (_MARGIN, top - 2.0), SMALL, GREY)
 
 
 def _draw(page: Page, one: _Placed, board: Board) -> None:
@@ -248,7 +249,8 @@ def _draw(page: Page, one: _Placed, board: Board) -> None:
     if wrong.any():
         words += f"; {wrong.sum()} of them in wrong places (crosses), not used"
     if shown.left_out and one.longer:
-        words += " (arrows " + ("in full size)" if one.longer == 1.0 else f"{one.longer:g} times)")
+        longer = "in full size" if one.longer == 1.0 else f"{one.longer:g} times as long"
+        words += f" (arrows {longer})"
     colour = VERMILION if shown.left_out else BLACK
     name = figures.shortened(in_letters(shown.name), _LETTERS - 16)
     page.add_text(name, (left, below - 8.5), 7.5, colour, bold=True)

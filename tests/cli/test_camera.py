@@ -14,6 +14,7 @@ import pytest
 from calib.lens import Lens
 from calib.se3 import quaternion_from_rotation, rotation_exp, transform, wpr_from_rotation
 from posedesign.cell import Cell, cell_template
+from posedesign.files.csv_tables import read_table
 from posedesign.hand_eye import calibration
 from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pictures import read_picture_set
@@ -110,7 +111,8 @@ def test_a_camera_is_calibrated(there, glance):
     for name, value, true in zip(lens.names, lens.values, LENS.values, strict=True):
         assert abs(value - true) < 5.0 * sigma[name], name
     assert len((there / "camera_pictures.csv").read_text().splitlines()) == 2 + 12
-    for name in ("camera.png", "camera.svg", "camera_info.yaml", "lens.json", "camera.urdf"):
+    drawn = [f"{stem}.{ending}" for stem in ("camera", "camera_poses") for ending in ("png", "svg")]
+    for name in (*drawn, "camera_info.yaml", "lens.json", "camera.urdf"):
         assert (there / name).stat().st_size > 100
     np.testing.assert_allclose(read_lens(there / "camera_info.yaml").values, lens.values, atol=1e-9)
     with (there / "camera_pictures.csv").open() as file:
@@ -131,6 +133,9 @@ def test_a_camera_is_calibrated(there, glance):
         "Camera and board",
         "T_flange_camera: (",
         "Residuals of the pictures",
+        "Poses of camera and board, and the board as each picture shows it",
+        '<a href="camera_pictures.pdf">',
+        "off_rz_deg",
         "img12.png",
     ):
         assert said in page
@@ -219,6 +224,9 @@ def test_two_cameras_of_one_stop(there, glance):
     np.testing.assert_allclose(left, right, atol=1e-3)
     assert set(found["lenses"]) == {"left", "right"}
     assert "left/img1.png,used" in (there / "both_out" / "camera_pictures.csv").read_text()
+    assert len(found["flange_poses"]) == 24
+    sheets = (there / "both_out" / "camera_pictures.pdf").read_bytes()
+    assert b"/Count 2 " in sheets  # of twelve pictures each
 
 
 def test_wrong_rows_and_pictures_without_a_board_are_named(there, glance):
@@ -232,6 +240,25 @@ def test_wrong_rows_and_pictures_without_a_board_are_named(there, glance):
     assert "from 9 of 12 pictures" in said.out
     assert "left out, as they contradict the others: img3.png, img4.png" in said.err
     assert "img5.png: no board" in said.err
+    rows = {row.cells["picture"]: row.cells for row in read_table("camera_pictures.csv").rows}
+    assert [rows[f"img{k}.png"]["points"] for k in (3, 5)] == ["24", "0"]
+    assert rows["img3.png"]["status"] == "contradicts the others"
+    assert rows["img5.png"]["reason"].startswith("no board: ")
+
+
+@pytest.mark.parametrize("kept", [(), ("img1.png", "img2.png")], ids=["none", "two"])
+def test_pictures_are_drawn_where_the_calibration_fails(there, glance, kept):
+    """None shows the board, or too few do: the sheets say what was found."""
+    for path in (there / "pictures").iterdir():
+        if path.name not in kept:
+            level = 60 + int(path.stem.removeprefix("img"))
+            cv2.imwrite(str(path), np.full((480, 640), level, np.uint8))
+    said = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--out", "out")
+    assert said.code == 2
+    assert "camera_pictures.pdf shows what was found in each picture" in " ".join(said.err.split())
+    assert [path.name for path in (there / "out").iterdir()] == ["camera_pictures.pdf"]
+    again = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--out", "out")
+    assert again.err == said.err  # what is there is its own, and is replaced
 
 
 def test_what_looks_wrong_is_not_to_be_trusted(there, glance):

@@ -36,7 +36,15 @@ from lark import Token, Tree
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
-from posedesign.programs.language import Language, Line, Statement, subtrees
+from posedesign.programs.language import (
+    Language,
+    Line,
+    Node,
+    Statement,
+    nodes,
+    shared,
+    subtrees,
+)
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import (
     MOST_JOINT_DEG,
@@ -163,6 +171,7 @@ are then in BC variables."""
 _configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)  # a job has few different ones
 
 
+_SILENT = ("comment", "move", "also", "timer", "call")  # steps that give no variable a value
 _GIVEN = re.compile(
     r"\s*(?:SETE?|GETE|GETPOS|ADD|SUB|MULMAT|INVMAT|MFRAME|CNVRT)\s+PX?(\d{1,5})\b", re.ASCII
 )
@@ -229,13 +238,22 @@ class Job:
 
 def read_job(text: str) -> Job:
     """Sort the lines of a job; never fails."""
+    plain = text.replace("\r\n", "\n")
+    return shared(("jbi", plain), lambda: _sorted(plain))
+
+
+def _children(tree: Tree[Token]) -> Sequence[Node]:
+    return tree.children
+
+
+def _sorted(text: str) -> Job:
     job = Job()
     part = job.head
     parts = {"job": job.head, "pos": job.pos, "inst": job.inst, "end": job.after}
     parts |= {"arginfo": [], "macro": []}
     above = dict.fromkeys(("form", "frame", "tool", "user", "rconf"), "")
     for statement in INFORM.statements(text):
-        kind, values = statement.kind, statement.tree.children
+        kind = statement.kind
         if kind in parts:
             job.marks.append(statement)
             part = parts[kind]
@@ -246,12 +264,13 @@ def read_job(text: str) -> Job:
         if part is not job.pos:
             continue
         if kind == "stored":
-            name, *numbers = map(str, values)
+            name, *numbers = statement.texts(_children)
             job.stored.append(Stored(statement.row, Name.of(name), tuple(numbers), **above))
         elif kind in ("pulse", "angle", "rectan"):
             above["form"] = kind.upper()
         elif kind in ("tool", "user", "rconf", "postype"):
-            above["frame" if kind == "postype" else kind] = ",".join(map(str, values))
+            values = ",".join(statement.texts(_children))
+            above["frame" if kind == "postype" else kind] = values
     return job
 
 
@@ -299,10 +318,27 @@ def _count_faults(job: Job) -> Iterator[Problem]:
             yield Problem(counts[0].row, "npos", reason)
 
 
-def names_in(move: Tree[Token]) -> list[Name]:
-    """Positions of the job and variables that a move has, without those of other robots."""
+def positions_in(statement: Statement) -> list[list[Name]]:
+    """Positions of the job and variables that a move has, and those of each other robot."""
+    if statement.said is None:
+        texts = iter(statement.texts(_points))
+        counts = statement.once(_counts)
+        statement.said = [[Name.of(next(texts)) for _ in range(count)] for count in counts]
+    said: list[list[Name]] = statement.said
+    return said
+
+
+def _points_of(move: Tree[Token]) -> list[Token]:
     points = [part.children[0] for part in subtrees(move) if part.data == "target"]
-    return [Name.of(p) for p in points if isinstance(p, Token) and p.type == "POINT"]
+    return [p for p in points if isinstance(p, Token) and p.type == "POINT"]
+
+
+def _points(tree: Tree[Token]) -> Iterator[Token]:
+    return chain.from_iterable(map(_points_of, nodes(tree, "move", "also")))
+
+
+def _counts(statement: Statement) -> list[int]:
+    return [len(_points_of(move)) for move in statement.all("move", "also")]
 
 
 def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:
@@ -386,7 +422,7 @@ class _Reader:
 
     def take(self, statement: Statement) -> None:
         kind = statement.kind
-        if given := _GIVEN.match(statement.text):
+        if kind not in _SILENT and (given := _GIVEN.match(statement.text)):
             self.given[Name("P", int(given[1]))] = statement.row
         if kind == "comment":
             text = statement.text[1:].strip()
@@ -397,7 +433,7 @@ class _Reader:
         elif kind == "move":
             self._move(statement)
         elif kind == "also":
-            self.other_robot.update(names_in(statement.tree))
+            self.other_robot.update(*positions_in(statement))
         elif kind == "gets" and self._at is not None and statement.word("SYSTEM") == "$PX000":
             place = statement.word("VARIABLE")
             if place.startswith("PX"):
@@ -410,7 +446,7 @@ class _Reader:
                 self.refuse(fault, statement.row, "is it a move?")
 
     def _move(self, statement: Statement) -> None:
-        names, *also = map(names_in, statement.all("move", "also"))
+        names, *also = positions_in(statement)
         others = [name for them in also for name in them]
         self.other_robot.update(name for name in others if name.kind in "CP")
         for name in names:

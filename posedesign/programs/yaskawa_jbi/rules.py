@@ -45,7 +45,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from datetime import datetime
 from functools import lru_cache
 from itertools import chain
@@ -105,7 +105,7 @@ def check_yaskawa_jbi(data: bytes, path: Path) -> list[Problem]:
         _check_positions(job),
         _check_use(job),
         _check_order(job),
-        rules.each(job.inst, _step_faults),
+        rules.judged(job.inst, _check_step, lambda s: s, _names_of),
         block_faults(job.inst, _BLOCKS),
     )
 
@@ -242,8 +242,8 @@ def _check_use(job: Job) -> Iterator[Problem]:
     moves = [
         (s.row, name.label)
         for s in (*job.kinds["move"], *job.kinds["also"])
-        for move in s.all("move", "also")
-        for name in reader.names_in(move)
+        for names in reader.positions_in(s)
+        for name in names
         if "C" in name.kind
     ]
     others = [(s.row, Name.of(w).label) for s in job.kinds["other"] for w in s.words("POINT")]
@@ -262,11 +262,10 @@ def _check_order(job: Job) -> Iterator[Problem]:
     carried = any(map(_has_base, job.kinds["move"]))
     for s in job.inst:
         if s.kind == "move":
-            parts = subtrees(s.tree)
-            stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
-            if not has_speed and not any(p.data.endswith("speed") for p in parts):
+            stands = "PL=0" in s.texts(_options)
+            if not has_speed and not s.once(_has_speed):
                 yield Problem(s.row, "move", "no speed, and no SPEED above", "measuring")
-            if carried and not _has_base(s) and reader.names_in(s.tree):
+            if carried and not _has_base(s) and reader.positions_in(s)[0]:
                 reason = "no position of the base axes, which other moves have"
                 yield Problem(s.row, "move", reason, "measuring")
         elif s.kind == "call" and not stands:
@@ -278,13 +277,31 @@ def _check_order(job: Job) -> Iterator[Problem]:
 
 
 def _has_base(s: Statement) -> bool:
-    return any(name.kind in ("BC", "BP") for name in reader.names_in(s.tree))
+    return any(name.kind in ("BC", "BP") for name in reader.positions_in(s)[0])
 
 
-def _step_faults(s: Statement) -> Iterator[rules.Fault]:
+def _options(move: Tree[Token]) -> list[Tree[Token]]:
+    return [part for part in subtrees(move) if part.data == "option"]
+
+
+def _has_speed(s: Statement) -> bool:
+    return any(part.data.endswith("speed") for part in subtrees(s.tree))
+
+
+def _check_step(s: Statement) -> Iterator[Problem]:
     if s.kind in ("move", "also"):
-        return chain.from_iterable(map(_move_faults, s.all("move", "also")))
-    return _word_faults(s) if s.kind == "other" else _argument_faults(s)
+        parts = [_move_faults(move) for move in s.all("move", "also")]
+    else:
+        parts = [_word_faults(s) if s.kind == "other" else _argument_faults(s)]
+    return (Problem(s.row, *fault) for fault in chain.from_iterable(parts))
+
+
+def _names_of(s: Statement) -> Hashable:
+    """What matters of the names of a step: nothing of those of positions, and all of times."""
+    if s.kind == "comment":
+        return len(s.text) > 1 + MOST_COMMENT
+    types = ("NUMBER",) * (s.kind in ("timer", "pulse_output"))
+    return tuple(s.words("WORD", "VARIABLE", "SYSTEM", "TAG", "JOB", "ARGUMENT", *types))
 
 
 def _argument_faults(s: Statement) -> Iterator[rules.Fault]:

@@ -21,7 +21,8 @@ from threading import Event, Timer
 
 _START = (
     "import sys; sys.path[:] = {path!r}; sys.pycache_prefix = {compiled!r};"
-    "from calib.limited import {serve}; {serve}({module!r}, {memory_bytes!r}, {seconds!r})"
+    "from calib.limited import {serve};"
+    "{serve}({module!r}, {memory_bytes!r}, {seconds!r}, {threads!r})"
 )
 
 _LENGTH = struct.Struct("<Q")
@@ -56,12 +57,19 @@ def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) 
 
 
 def stream_limited(
-    module: str, data: bytes, *, memory_bytes: int, seconds: float, patience_s: float
+    module: str,
+    data: bytes,
+    *,
+    memory_bytes: int,
+    seconds: float,
+    patience_s: float,
+    threads: bool = False,
 ) -> Generator[bytes, None, None]:
     """Call ``stream(data)`` of a module in a process of its own, and give the parts it yields.
 
     The process is ended when the iterator is closed. ``seconds``: processor time of all.
-    ``patience_s``: longest time until the next part.
+    ``patience_s``: longest time until the next part. ``threads``: whether it may start threads, and
+    so processes: systems limit both as one.
 
     Raises
     ------
@@ -71,7 +79,7 @@ def stream_limited(
         A part did not come in time.
     """
     process = subprocess.Popen(  # noqa: S603 - as above
-        _command("serve_stream", module, memory_bytes, seconds),
+        _command("serve_stream", module, memory_bytes, seconds, threads),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -111,7 +119,9 @@ def _next_bytes(process: subprocess.Popen[bytes], count: int, patience_s: float)
     raise OSError("the process broke off")
 
 
-def _command(serve: str, module: str, memory_bytes: int, seconds: float) -> list[str]:
+def _command(
+    serve: str, module: str, memory_bytes: int, seconds: float, threads: bool = False
+) -> list[str]:
     """Command line of a process that serves a module."""
     start = _START.format(
         path=[entry for entry in sys.path if entry],  # "" is the folder one happens to be in
@@ -120,31 +130,34 @@ def _command(serve: str, module: str, memory_bytes: int, seconds: float) -> list
         module=module,
         memory_bytes=memory_bytes,
         seconds=seconds,
+        threads=threads,
     )
     return [sys.executable, "-I", "-B", "-X", "utf8", "-c", start]
 
 
-def serve(module: str, memory_bytes: int, seconds: float) -> None:
+def serve(module: str, memory_bytes: int, seconds: float, threads: bool) -> None:
     """Answer for :func:`run_limited`, inside of the process."""
-    _limit(memory_bytes, seconds)
+    _limit(memory_bytes, seconds, threads)
     out, sys.stdout = sys.stdout.buffer, sys.stderr
     out.write(import_module(module).run(sys.stdin.buffer.read()))
     out.flush()
 
 
-def serve_stream(module: str, memory_bytes: int, seconds: float) -> None:
+def serve_stream(module: str, memory_bytes: int, seconds: float, threads: bool) -> None:
     """Answer for :func:`stream_limited`, inside of the process."""
-    _limit(memory_bytes, seconds)
+    _limit(memory_bytes, seconds, threads)
     out, sys.stdout = sys.stdout.buffer, sys.stderr
     for part in import_module(module).stream(sys.stdin.buffer.read()):
         out.write(_LENGTH.pack(len(part)))
         out.write(part)
+        out.flush()
     out.write(_LENGTH.pack(_END))
     out.flush()
 
 
-def _limit(memory_bytes: int, seconds: float) -> None:
+def _limit(memory_bytes: int, seconds: float, threads: bool) -> None:
     """Limit what this process may take and do."""
+    os.environ.clear()
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # its threads take memory, and may not be started
     with contextlib.suppress(ImportError):  # on Windows
         import resource
@@ -154,7 +167,7 @@ def _limit(memory_bytes: int, seconds: float) -> None:
             (resource.RLIMIT_CPU, max(1, int(seconds))),
             (resource.RLIMIT_FSIZE, 0),
             (resource.RLIMIT_CORE, 0),
-            (resource.RLIMIT_NPROC, 0),
+            *([] if threads else [(resource.RLIMIT_NPROC, 0)]),
         ):
             with contextlib.suppress(ValueError, OSError):  # one that the system does not know
                 resource.setrlimit(limit, (most, most))

@@ -30,7 +30,7 @@ def stream(data: bytes) -> Iterator[bytes]:
 
 
 def _frames(job: dict[str, Any]) -> Iterator[bytes]:
-    # no threads, which this process may not start, and nothing but this file
+    # one thread a video is enough, and nothing but this file is read
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "threads;1|protocol_whitelist;file"
     import cv2
 

@@ -61,6 +61,7 @@ def frames_of(path: Path, wanted: Collection[int] | None = None) -> Generator[Fr
             memory_bytes=_MEMORY_BYTES,
             seconds=_SECONDS,
             patience_s=_PATIENCE_S,
+            threads=True,  # pictures whose colours are converted without one stay black
         ):
             if part[:1] == b"e":
                 raise _fault(path, part[1:].decode("utf-8", "replace"))

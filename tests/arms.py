@@ -19,6 +19,7 @@ PRESETS = {
     "ur": "ur5e",
     "yaskawa": "gp7",
     "staubli": "tx2_60",
+    "franka": "panda",
     None: "panda",
 }
 

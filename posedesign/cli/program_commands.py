@@ -32,7 +32,7 @@ def program(
             "--format",
             help="fanuc-ls, kuka-krl, abb-rapid, ur-script, ur-urp, yaskawa-jbi, staubli-val3, "
             "mitsubishi-melfa, kawasaki-as, doosan-drl, denso-pac, epson-spel, "
-            "hyundai-job, comau-pdl, ros-trajectory, "
+            "hyundai-job, comau-pdl, xarm-python, franky-python, ros-trajectory, "
             "moveit-joints, robot-calibration, robodk-csv. [that of the robot's controller]",
         ),
     ] = None,

@@ -61,9 +61,10 @@ class JointDialect(Dialect, ABC):
     Attributes
     ----------
     phrases : Phrases
-        Moves are of ``name``, ``number``, ``target``, joints [deg], ``percent``, ``speed`` [deg/s].
+        Moves are of ``name``, ``number``, ``target``, joints as in the notation, ``percent``,
+        ``speed`` [deg/s].
     head : tuple of str
-        Steps behind the first remarks, of ``name``, ``percent``, ``speed``.
+        Steps behind the first remarks, of ``name``, ``percent``, ``share`` (of 1), ``speed``.
     """
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
@@ -90,8 +91,10 @@ class JointDialect(Dialect, ABC):
             yield phrases.note.format(note)
         percent, speed = options.speed_percent, _speed(arm, options)
         own = {"name": program.name, "percent": percent, "speed": speed}
+        own |= {"share": plain(percent / 100, 2)}
         yield from (line.format(**own) for line in self.head)
-        joints = (", ".join(plain_all(row, 6)) for row in shown_deg(arm, program.poses))
+        values = shown_deg(arm, program.poses) * self.notation.joint_units
+        joints = (", ".join(plain_all(row, self.notation.joint)) for row in values)
         yield from phrases.visit(program, LIMITS, joints, **own)
 
 

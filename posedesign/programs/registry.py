@@ -17,6 +17,7 @@ from posedesign.programs.dialect import Dialect
 from posedesign.programs.doosan_drl import DoosanDrl
 from posedesign.programs.epson_spel import EpsonSpel
 from posedesign.programs.fanuc_ls import FanucLs
+from posedesign.programs.franky_python import FrankyPython
 from posedesign.programs.hyundai_job import HyundaiJob
 from posedesign.programs.kawasaki_as import KawasakiAs
 from posedesign.programs.kuka_krl import KukaKrl
@@ -29,6 +30,7 @@ from posedesign.programs.ros import MoveitJoints, RobotCalibration, RosTrajector
 from posedesign.programs.staubli_val3 import StaubliVal3
 from posedesign.programs.ur_script import UrScript
 from posedesign.programs.ur_urp import UrUrp
+from posedesign.programs.xarm_python import XarmPython
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
 
 DIALECTS: dict[str, Dialect] = {
@@ -52,6 +54,8 @@ DIALECTS: dict[str, Dialect] = {
         EpsonSpel(),
         HyundaiJob(),
         ComauPdl(),
+        XarmPython(),
+        FrankyPython(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

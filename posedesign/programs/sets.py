@@ -108,8 +108,7 @@ def strangers(path: Path, endings: Collection[str], *, in_folder: bool) -> list[
     if own is None:
         return []
     marks = {
-        other: set_mark(content_of(other))
-        for other in beside(path, endings, in_folder=in_folder)
+        other: set_mark(content_of(other)) for other in beside(path, endings, in_folder=in_folder)
     }
     return [
         f"{path.name} is of {own}, {other.name} of {mark}: they do not belong together"

@@ -192,13 +192,32 @@ HOW = {
         fit=("T -1", "x" * 99),
         unfit=("é", "a\nb", "x" * 101),
     ),
+    "xarm-python": How(
+        *(5.001e-7, (0.0, 0.0), 32, 100, 100, 1e4),
+        by_number=True,
+        title=False,
+        ends=False,
+        line=r"check\(arm.set_servo_angle\(",
+        fit=("T -1", "x" * 99),
+        unfit=("é", "a\nb", "x" * 101),
+    ),
+    "franky-python": How(
+        *(3e-6, (0.0, 0.0), 32, 100, 100, 1e4),
+        by_number=True,
+        title=False,
+        ends=False,
+        asks=False,
+        line=r"robot.move\(JointMotion\(",
+        fit=("T -1", "x" * 99),
+        unfit=("é", "a\nb", "x" * 101),
+    ),
     "ros-trajectory": replace(LIST, line=r'- \{"positions"'),
     "moveit-joints": replace(LIST, passes=False, line=r"- - -?\d"),
     "robot-calibration": replace(LIST, passes=False, line="- joints:"),
     "robodk-csv": replace(LIST, joint_deg=5.01e-7, ends=False, line=r"-?[\d.]+,"),
 }
 
-SIX = ("mitsubishi-melfa", "epson-spel", "hyundai-job", "comau-pdl")
+SIX = ("mitsubishi-melfa", "epson-spel", "hyundai-job", "comau-pdl", "xarm-python")
 """For any robot, but with texts for arms of six joints."""
 
 CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]

@@ -224,6 +224,8 @@ FREE = {
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
     "mitsubishi-melfa": r"'.*|MEASURE",
     "denso-pac": r"'.*|MEASURE",
+    "franky-python": r'#.*|f?"[^"]*"',
+    "xarm-python": r'#.*|f?"[^"]*"',
     "comau-pdl": r"--.*|'[^']*'|R_MEASURE",
     "hyundai-job": r"#.*|MEASURE",
     "epson-spel": r"'.*|MEASURE|MUTATED|Call",

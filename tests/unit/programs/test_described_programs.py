@@ -14,7 +14,13 @@ from posedesign.programs.registry import dialect_of as dialect_of_file
 from tests.unit.programs.dialects import export, program_of, shown
 
 DESCRIBED = [name for name, d in DIALECTS.items() if isinstance(d, DescribedDialect)]
-EXPORTS = {"epson-spel": "epson.prg", "hyundai-job": "hyundai.job", "comau-pdl": "comau.pdl"}
+EXPORTS = {
+    "epson-spel": "epson.prg",
+    "hyundai-job": "hyundai.job",
+    "comau-pdl": "comau.pdl",
+    "xarm-python": "xarm.py",
+    "franky-python": "franky.py",
+}
 
 
 def parse(name: str, text: str) -> RecordedProgram:
@@ -67,11 +73,32 @@ def test_an_arm_of_other_joints_is_refused(name: str) -> None:
             ],
             [13, 20],
         ),
+        (
+            "xarm-python",
+            [
+                [90, 0, -60, 0, 0, 0],
+                [0, -30.5, -60, 0, 0, 15],
+                [0.5, -0.25, -1.0, 0, 0, 0],
+            ],
+            [16, 19, 20],
+        ),
+        (
+            "franky-python",
+            np.degrees(
+                [
+                    [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785],
+                    [-0.3, 0.1, 0.3, -1.4, 0.1, 1.8, 0.7],
+                    [0.0, 0.3, 0.3, -1.5, -0.2, 1.5, 0.8],
+                    [0.1, 0.3, 0.3, -1.5, -0.2, 1.5, 0.8],
+                ]
+            ),
+            [7, 9, 9, 13],
+        ),
     ],
 )
 def test_a_program_of_others(name: str, found: list[list[float]], lines: list[int]) -> None:
     back = parse(name, export(EXPORTS[name]))
-    assert [*shown(back).values()] == found
+    np.testing.assert_allclose([*shown(back).values()], found, rtol=0, atol=1e-12)
     assert [p.line for p in back.positions] == lines
     assert {p.level for p in check(name, export(EXPORTS[name]))} <= {"note", "measuring"}
 
@@ -92,6 +119,38 @@ REFUSED = [
     *("epson-spel", "  Wait -1", "not 0 to"),
     *("epson-spel", "  Go (1, 2, 3, 4, 5, 6)", "is no position"),
     *("epson-spel", "  Do\n  Fend", "does not close"),
+    *("xarm-python", "arm.set_servo_angle(servo_id=1, angle=45)", "cannot be told"),
+    *("xarm-python", "arm.set_servo_angle(angle=[1, 2, 3, 4, 5, 6], relative=True)", "is relative"),
+    *("xarm-python", "arm.set_servo_angle(angle=[1, 2, 3, 4, 5, 6], relative=r)", "is relative"),
+    *("xarm-python", "arm.set_servo_angle(angle=[1, 2, 3, 4, 5, 6], is_radian=r)", "be told"),
+    *("xarm-python", "arm.set_servo_angle(angle=home, is_radian=True)", "home is in radians"),
+    *("xarm-python", "arm.set_servo_angle(angle=[1, 2, 3, 4, 5, speed])", "no list of numbers"),
+    *("xarm-python", "home[0] = 1\narm.set_servo_angle(angle=home)", "is changed by"),
+    *("xarm-python", "turn(home)\narm.set_servo_angle(angle=home)", "is changed by"),
+    *("xarm-python", "b = XArmAPI(ip)\nb.set_servo_angle(angle=home)", "one of several arms"),
+    *(
+        "xarm-python",
+        "b = XArmAPI(ip, is_radian=True)\narm.set_servo_angle(angle=home)",
+        "radians|beyond",
+    ),
+    *("xarm-python", "arm.set_servo_angle(angle=[1, 2, 3, 4, 5, 721])", "beyond"),
+    *("xarm-python", "arm.set_servo_angle(angle=[1, 2, 3, 4])", "4 values"),
+    *("xarm-python", "arm.set_servo_angle(angles=[1, 2, 3, 4, 5, 6])", "be told|has no angles"),
+    *("xarm-python", "arm.set_servo_angl(angle=home)", "is nearly set_servo_angle"),
+    *("xarm-python", "arm.set_servo_angle(angle=hom)", "hom is not known"),
+    *("xarm-python", "arm.set_servo_angle(angle=home", "was never closed"),
+    *("xarm-python", "arm.set_cgpio_digital(16, 1)", "not 0 to 15"),
+    *("franky-python", "robot.move(JointMotion([0.1] * 7))", "no list of numbers"),
+    *(
+        "franky-python",
+        "robot.move(JointMotion([1, 2, 3, 4, 5, 6, 7], ReferenceType.Relative))",
+        "no list of numbers",
+    ),
+    *("franky-python", "robot.move(JointMotion([1, 2, 3, 4, 5, 6]))", "6 values"),
+    *("franky-python", "robot.move(JointMotion([1, 2, 3, 4, 5, 6, 13]))", "beyond"),
+    *("franky-python", "if n:\n    home = other()\nrobot.move(home)", "is changed by"),
+    *("franky-python", "robot.relative_dynamics_factor = 5", "not above 0 to 1"),
+    *("franky-python", "robot.move([1, 2, 3, 4, 5, 6, 7])", "no pose"),
     *("comau-pdl", "MOVE TO home + VEC(0, 0, 1)", "is computed"),
     *("comau-pdl", "MOVE TO {1, , 90, 4, 5, 6}", "no list of numbers"),
     *("comau-pdl", "MOVE TO {1, 2, 3, 4, 5, i}", "no list of numbers"),
@@ -133,6 +192,8 @@ AFTER = {
     "epson-spel": "\tGo pick +Z(50)\n",
     "hyundai-job": "     do5=1\n",
     "comau-pdl": "  WAIT FOR $DIN[1]\n",
+    "xarm-python": "time.sleep(0.5)\n",
+    "franky-python": "robot.recover_from_errors()\n",
 }
 
 
@@ -144,6 +205,28 @@ def test_what_the_arm_would_not_go_to_is_refused(name: str, line: str, message: 
     assert AFTER[name] in text
     with pytest.raises(FileFormatError, match=message):
         parse(name, text.replace(AFTER[name], f"{line}\n"))
+
+
+def test_a_program_in_python_is_python_and_ends_where_the_arm_does_not_move() -> None:
+    for name in ("xarm-python", "franky-python"):
+        text = next(iter(DIALECTS[name].files(program_of(name)).values()))
+        compile(text, "CALIB.py", "exec")
+    checked = "check(arm.set_servo_angle("
+    text = next(iter(DIALECTS["xarm-python"].files(program_of("xarm-python")).values()))
+    assert checked in text
+    told = check("xarm-python", text.replace(checked, "(arm.set_servo_angle(", 1))
+    assert [(p.rule, p.level) for p in told] == [("answer", "measuring")]
+
+
+def test_radians_of_xarm_are_read_where_the_call_or_the_connection_says_so() -> None:
+    text = export("xarm.py").replace("speed=5, is_radian=False", "is_radian=True")
+    wanted = np.degrees([0.5, -0.25, -1.0, 0, 0, 0])
+    np.testing.assert_allclose(shown(parse("xarm-python", text))[3], wanted, atol=1e-12)
+    text = (
+        "from xarm import XArmAPI\na = XArmAPI(is_radian=True)\na.set_servo_angle(angle=[1.5] * 6)"
+    )
+    text = text.replace("[1.5] * 6", "[0.5, -0.25, -1.0, 0, 0, 0]")
+    np.testing.assert_allclose(shown(parse("xarm-python", text))[1], wanted, atol=1e-12)
 
 
 def test_each_prg_has_one_language(tmp_path: Path) -> None:

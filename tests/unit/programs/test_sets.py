@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, OutputError
+from calib.robots import POSITIVE_AXES
 from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.pose_programs import import_touch_ups
@@ -20,13 +21,19 @@ from posedesign.programs.sets import SetMark, set_mark
 PULSES = (1000.0,) * 6
 
 
-def program(count: int = 3, step_deg: float = 1.0, plan: str = "abcdef12") -> PoseProgram:
+def program(
+    count: int = 3, step_deg: float = 1.0, plan: str = "abcdef12", joints: int = 6
+) -> PoseProgram:
     poses = tuple(
-        ProgramPose(f"P{k}", np.deg2rad(step_deg) * np.array([k % 90, 30, 40, 10, 50, 0]))
+        ProgramPose(f"P{k}", np.deg2rad(step_deg) * np.resize([k % 90, 30, 40, 10, 50, 0], joints))
         for k in range(1, count + 1)
     )
     options = ProgramOptions(fingerprint=plan, pulses_per_deg=PULSES)
     return PoseProgram("CAL", poses, options)
+
+
+def joints_of(name: str) -> int:
+    return len(POSITIVE_AXES.get(DIALECTS[name].maker or "", range(6)))
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -37,7 +44,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("name", DIALECTS)
 def test_a_mark_of_the_set_in_what_is_written(tmp_path: Path, name: str) -> None:
     dialect = DIALECTS[name]
-    paths = dialect.write(program(), tmp_path)
+    paths = dialect.write(program(joints=joints_of(name)), tmp_path)
     marks = [mark for path in paths if (mark := set_mark(read_program_bytes(path)))]
     assert marks
     assert set(marks) == {SetMark("abcdef12", len(paths), marks[0].digest)}
@@ -51,9 +58,9 @@ def test_a_mark_of_the_set_in_what_is_written(tmp_path: Path, name: str) -> None
 @pytest.mark.parametrize("name", DIALECTS)
 def test_a_newer_program_takes_the_place_of_ones_own(tmp_path: Path, name: str) -> None:
     results, dialect = Results(tmp_path, "program"), DIALECTS[name]
-    dialect.write(program(), results)
-    dialect.write(program(), results)
-    paths = dialect.write(program(4, plan="00c0ffee"), results)
+    dialect.write(program(joints=joints_of(name)), results)
+    dialect.write(program(joints=joints_of(name)), results)
+    paths = dialect.write(program(4, plan="00c0ffee", joints=joints_of(name)), results)
     assert {str(p.relative_to(tmp_path)) for p in paths} == set(contents(tmp_path))
     assert dialect.reading(PULSES).read(paths[0]).fingerprint == "00c0ffee"
 
@@ -62,17 +69,20 @@ def test_a_newer_program_takes_the_place_of_ones_own(tmp_path: Path, name: str) 
 def test_what_a_person_touched_is_not_replaced(tmp_path: Path, name: str) -> None:
     said: list[str] = []
     results, dialect = Results(tmp_path, "program"), DIALECTS[name]
-    for path in dialect.write(program(), results):
+    for path in dialect.write(program(joints=joints_of(name)), results):
         whole = path.read_bytes()
         path.write_bytes(whole.replace(b"3", b"4", 1) if b"3" in whole else whole + b" ")
         before = contents(tmp_path)
         with pytest.raises(OutputError, match="is not replaced") as caught:
-            dialect.write(program(4), results)
+            dialect.write(program(4, joints=joints_of(name)), results)
         assert "\n" not in str(caught.value)
         assert contents(tmp_path) == before
         path.write_bytes(whole)
     path.write_bytes(b"mine")
-    dialect.write(program(4), Results(tmp_path, "program", overwrite=True, say=said.append))
+    dialect.write(
+        program(4, joints=joints_of(name)),
+        Results(tmp_path, "program", overwrite=True, say=said.append),
+    )
     assert said
     assert b"mine" in contents(tmp_path).values()
 

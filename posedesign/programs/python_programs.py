@@ -105,10 +105,11 @@ def number_of(node: ast.AST | None) -> float:
     sign = 1.0
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
         sign, node = -1.0 if isinstance(node.op, ast.USub) else 1.0, node.operand
-    if not isinstance(node, ast.Constant) or type(node.value) not in (int, float):
+    value = node.value if isinstance(node, ast.Constant) else None
+    if not isinstance(value, int | float) or isinstance(value, bool):
         return math.nan
     try:
-        return sign * float(node.value)
+        return sign * float(value)
     except OverflowError:
         return math.nan
 
@@ -116,12 +117,20 @@ def number_of(node: ast.AST | None) -> float:
 def values_of(node: ast.AST, *, in_radians: bool) -> Values | None:
     """Joint values of a list or tuple of numbers, in degrees; None: it is no such."""
     listed = node.elts if isinstance(node, (ast.List, ast.Tuple)) else []
-    numbers = [number_of(value) for value in listed]
+    numbers = [_degrees(value, in_radians=in_radians) for value in listed]
     if not numbers or not all(map(math.isfinite, numbers)) or max(map(abs, numbers)) > 1e9:
         return None
+    return Values(listed[0].lineno, tuple(f"{v:.15f}" for v in numbers))
+
+
+def _degrees(node: ast.expr, *, in_radians: bool) -> float:
+    """A joint value in degrees, also of ``math.radians(90)``; NaN for anything else."""
     if not in_radians:
-        return Values(listed[0].lineno, tuple(f"{v:.15f}" for v in numbers))
-    return Values(listed[0].lineno, tuple(f"{math.degrees(v):.15f}" for v in numbers))
+        return number_of(node)
+    turned = isinstance(node, ast.Call) and len(node.args) == 1 and not node.keywords
+    if turned and ast.unparse(node.func).rpartition(".")[2] in ("radians", "deg2rad"):  # type: ignore[attr-defined]
+        return number_of(node.args[0])  # type: ignore[attr-defined]
+    return math.degrees(number_of(node))
 
 
 def argument(call: ast.Call, signature: Signature, name: str) -> ast.expr | None:

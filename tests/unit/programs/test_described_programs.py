@@ -222,10 +222,12 @@ def test_radians_of_xarm_are_read_where_the_call_or_the_connection_says_so() -> 
     text = export("xarm.py").replace("speed=5, is_radian=False", "is_radian=True")
     wanted = np.degrees([0.5, -0.25, -1.0, 0, 0, 0])
     np.testing.assert_allclose(shown(parse("xarm-python", text))[3], wanted, atol=1e-12)
-    text = (
-        "from xarm import XArmAPI\na = XArmAPI(is_radian=True)\na.set_servo_angle(angle=[1.5] * 6)"
-    )
-    text = text.replace("[1.5] * 6", "[0.5, -0.25, -1.0, 0, 0, 0]")
+    turned = text.replace("[0.5, -0.25, -1.0, 0,", "[math.radians(90), -0.25, np.deg2rad(-1.0), 0,")
+    turned = turned.replace("import time", "import time\nimport math\nimport numpy as np")
+    found = shown(parse("xarm-python", turned))[3]
+    np.testing.assert_allclose(found, [90, np.degrees(-0.25), -1, 0, 0, 0], atol=1e-12)
+    text = "from xarm import XArmAPI\na = XArmAPI(is_radian=True)\n"
+    text += "a.set_servo_angle(angle=[0.5, -0.25, -1.0, 0, 0, 0])\n"
     np.testing.assert_allclose(shown(parse("xarm-python", text))[1], wanted, atol=1e-12)
 
 

@@ -8,16 +8,18 @@ no process. On Windows, which has no limits of this kind, only its time is limit
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import stat
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Generator
 from importlib import import_module
 from pathlib import Path
-from threading import Event, Timer
+from threading import Event, Thread
 
 _START = (
     "import sys; sys.path[:] = {path!r}; sys.pycache_prefix = {compiled!r};"
@@ -84,39 +86,44 @@ def stream_limited(
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
     )
+    reader = _Reader(process, patience_s)
     with process:
         try:
             process.stdin.write(data)  # type: ignore[union-attr] # both are pipes
             process.stdin.close()  # type: ignore[union-attr]
-            while (length := _next_length(process, patience_s)) != _END:
-                yield _next_bytes(process, length, patience_s)
+            while (length := _LENGTH.unpack(reader.read(_LENGTH.size))[0]) != _END:
+                yield reader.read(length)
         finally:
+            reader.done.set()
             process.kill()
 
 
-def _next_length(process: subprocess.Popen[bytes], patience_s: float) -> int:
-    (length,) = _LENGTH.unpack(_next_bytes(process, _LENGTH.size, patience_s))
-    return int(length)
+class _Reader:
+    """Reads what a process writes, and ends it where it is late."""
 
+    def __init__(self, process: subprocess.Popen[bytes], patience_s: float) -> None:
+        self.done = Event()
+        self._process, self._patience_s = process, patience_s
+        self._until, self._late = math.inf, False  # when to end it: while it is waited for
+        Thread(target=self._watch, daemon=True).start()
 
-def _next_bytes(process: subprocess.Popen[bytes], count: int, patience_s: float) -> bytes:
-    late = Event()
+    def read(self, count: int) -> bytes:
+        """Read so many bytes; OSError, or TimeoutError, where they do not come."""
+        self._until = time.monotonic() + self._patience_s
+        data = self._process.stdout.read(count)  # type: ignore[union-attr] # a pipe
+        self._until = math.inf
+        if len(data) == count:
+            return data
+        if self._late:
+            raise TimeoutError(f"nothing came for {self._patience_s:g} s")
+        raise OSError("the process broke off")
 
-    def end() -> None:
-        late.set()
-        process.kill()
-
-    timer = Timer(patience_s, end)
-    timer.start()
-    try:
-        data = process.stdout.read(count)  # type: ignore[union-attr] # a pipe
-    finally:
-        timer.cancel()
-    if len(data) == count:
-        return data
-    if late.is_set():
-        raise TimeoutError(f"nothing came for {patience_s:g} s")
-    raise OSError("the process broke off")
+    def _watch(self) -> None:
+        while not self.done.wait(min(1.0, self._patience_s)):
+            if time.monotonic() > self._until:
+                self._late = True
+                self._process.kill()
+                return
 
 
 def _command(

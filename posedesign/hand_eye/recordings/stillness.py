@@ -100,7 +100,8 @@ class StillnessOfPictures:
         elif run not in self._firsts:
             self._firsts[run] = np.asarray(self._first, dtype=np.uint8)
         self._run.append(run)
-        self._sharp.append(float(cv2.Laplacian(picture, cv2.CV_32F).var()))
+        _, deviation = cv2.meanStdDev(cv2.Laplacian(picture, cv2.CV_16S))
+        self._sharp.append(float(deviation[0, 0]) ** 2)
         self._last = small
 
     def are_same(self, one: int, other: int) -> bool:

@@ -104,7 +104,7 @@ def test_a_program_of_another_plan(done: Cli, refuse: Refuse, work: Path) -> Non
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_formats_are_those_of_the_library(dialect: str, cli: Cli, done: Cli, work: Path) -> None:
-    """Without a cell each has what it needs, but the pulses of a Yaskawa."""
+    """Without a cell each has what it needs, but the pulses of a Yaskawa, and a seventh joint."""
     poses = work / "poses.csv"
     poses.write_text(f"# controller: {DIALECTS[dialect].maker or 'fanuc'}\n" + poses.read_text())
     words = ("program", poses, "--format", dialect, "--out", work / "out")
@@ -112,6 +112,10 @@ def test_formats_are_those_of_the_library(dialect: str, cli: Cli, done: Cli, wor
     if dialect == "yaskawa-jbi":
         assert said.code == 2
         assert all(f" {axis}" in said.err for axis in "SLURBT"), said.err
+        return
+    if dialect == "franky-python":
+        assert said.code == 2
+        assert "has 6 joint values, an arm of franka has 7" in said.err
         return
     assert said.code == 0
     files = [path for path in (work / "out").rglob("*") if path.is_file()]

@@ -225,8 +225,7 @@ def test_a_list_that_is_approached_is_not_approached_again(make_cell):
 def test_the_dialect_is_that_of_the_controller(reference_cell, planned, tmp_path):
     assert chosen_dialect(reference_cell, planned, None) == "fanuc-ls"
     panda = Cell.from_text(cell_template("panda"))
-    with pytest.raises(InputError, match="has a controller of franka"):
-        chosen_dialect(panda, planned, None)
+    assert chosen_dialect(panda, planned, None) == "franky-python"
     with pytest.raises(
         InputError, match=r"an unknown maker \(pass `cell`, or choose with `format`"
     ):

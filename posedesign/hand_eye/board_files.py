@@ -16,7 +16,8 @@ from calib.errors import FileFormatError, InputError
 from calib.vision.boards import Board, make_board
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.file import parse_config
-from posedesign.files.trees import number, read_tree
+from posedesign.files.safe import read_bytes_bounded
+from posedesign.files.trees import LARGEST_TREE_BYTES, number, read_tree
 from posedesign.hand_eye.lens_files import kalibr_board
 
 _RCT: Mapping[str, tuple[str, Mapping[str, str]]] = {
@@ -49,14 +50,20 @@ def cell_of(target: str) -> Cell:
 def board_said(target: str) -> Board:
     """Return the board of a file of Kalibr or robot_cal_tools, or of keys as in ``[board]``.
 
-    Raises FileFormatError, InputError: it describes none that can be found here.
+    The keys stand in the text, or in a file of YAML, JSON or TOML, with ``board`` above them or
+    without. Raises FileFormatError, InputError: it describes none that can be found here.
     """
     path = Path(target)
     if "=" not in target or path.exists():
-        tree = read_tree(path)
-        finder = tree.get("target_finder") if isinstance(tree, dict) else None
-        return _rct_board(path, finder) if isinstance(finder, dict) else kalibr_board(path)
-    keys: dict[str, Any] = {}
+        tree = _read_toml(path) if path.suffix.casefold() == ".toml" else read_tree(path)
+        top = tree if isinstance(tree, dict) else {}
+        finder, keys = top.get("target_finder"), top.get("board", top)
+        if isinstance(finder, dict):
+            return _rct_board(path, finder)
+        if isinstance(keys, dict) and ({"kind", "inner_corners"} & {*keys} or keys is not top):
+            return _board_of_keys({key: _value(key, keys[key]) for key in keys}, path)
+        return kalibr_board(path)
+    found: dict[str, Any] = {}
     for part in target.split(","):
         key, mark, value = (word.strip() for word in part.partition("="))
         if not mark or not value:
@@ -65,14 +72,39 @@ def board_said(target: str) -> Board:
                 hint="write kind=chessboard,columns=10,rows=7,square_mm=18, say",
                 name="target",
             )
-        whole = number(value)
-        is_number = whole == whole
-        is_count = is_number and whole % 1 == 0 and not key.endswith("_mm")
-        keys[key] = value in ("true", "yes") if key == "legacy" else value
-        if is_number:
-            keys[key] = int(whole) if is_count else whole
+        found[key] = _value(key, value.split("x") if key == _CORNERS else value)
+    return _board_of_keys(found, Path("--target"))
+
+
+_CORNERS = "inner_corners"
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_bytes_bounded(path, most_bytes=LARGEST_TREE_BYTES).decode())
+    except ValueError as error:  # of its words, or of its bytes
+        raise FileFormatError(f"is no TOML: {error}", path=path, hint="correct it") from error
+
+
+def _value(key: str, value: Any) -> Any:
+    """Return a number, a truth or a word of a text, each item of a list alone."""
+    if isinstance(value, list):
+        return [_value(key, item) for item in value]
+    if not isinstance(value, str):
+        return value
+    if key == "legacy":
+        return value.casefold() in ("true", "yes")
+    found = number(value)
+    if found != found:  # no number
+        return value
+    return int(found) if found % 1 == 0 and not key.endswith("_mm") else found
+
+
+def _board_of_keys(keys: dict[str, Any], file: Path) -> Board:
+    """Return the board that keys as in ``[board]`` describe; ``file``: where they stand."""
+    if _CORNERS in keys and "kind" not in keys:
+        keys = {"kind": "charuco" if "marker_mm" in keys else "chessboard", **keys}
     raw = tomllib.loads(cell_template(surroundings=False)) | {"board": keys}
-    file = Path("--target")
     board = Cell.from_config(parse_config(raw, file), file).board
     if board is None:
         raise InputError("`target` describes no board", name="target")

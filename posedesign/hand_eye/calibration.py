@@ -290,7 +290,9 @@ def _check_poses(cell: Cell, shown: PictureSet, asked: Asked) -> None:
     if shown.postures is None and shown.T_base_flange is None:
         raise InputError(
             "the pictures have no joints and no poses of the flange",
-            hint="give the table that has them",
+            hint="give `joints`: a table with the name of each picture in the column picture, and "
+            "j1_deg j2_deg .. of the arm, or x_mm y_mm z_mm w_deg p_deg r_deg of its flange; "
+            "without a cell `poses` of the flange, also a folder with a file for each picture",
             name="joints",
         )
     if shown.postures is None and asked.free:

@@ -683,10 +683,19 @@ def _check_length(value: object, key: str) -> None:
     number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
     if number and 1e-4 <= float(value) <= 10.0:  # type: ignore[arg-type]
         return
-    said = f"{1e3 * float(value):g} mm" if number else repr(value)  # type: ignore[arg-type]
+    said, meant = repr(value), ""
+    if number:
+        length = float(value)  # type: ignore[arg-type]
+        said = f"{1e3 * length:g} mm"
+        units = ("metres", 1e3), ("millimetres", 1e-3)
+        meant = "".join(
+            f"it looks like {unit}: are {1e3 * factor * length:g} mm meant? "
+            for unit, factor in units
+            if 1e-3 <= factor * length <= 1.0
+        )
     raise InputError(
         f"{key} of the board is {said}",
-        hint="lengths of boards are from 0.1 mm to 10 m",
+        hint=f"{meant}lengths of boards are from 0.1 mm to 10 m",
         name=key,
     )
 

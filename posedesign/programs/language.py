@@ -548,16 +548,20 @@ _QUOTED = r'("[^"\n]*")'
 
 
 def without_remarks(
-    remark: str, quoted: str = _QUOTED
+    remark: str, quoted: str = _QUOTED, marks: str = ""
 ) -> Callable[[Iterator[Line]], Iterator[Line]]:
     """Leave out what is a remark, but in texts in quotes, and lines that are nothing else.
 
-    Patterns of both, letters of either case alike; for `Language.joined`.
+    Patterns of both, letters of either case alike; for `Language.joined`. ``marks``: characters of
+    which each remark has one.
     """
     pattern = re.compile(f"{quoted}|{remark}", re.IGNORECASE)
 
     def joined(lines: Iterator[Line]) -> Iterator[Line]:
         for line in lines:
+            if marks and not any(mark in line.text for mark in marks):
+                yield line
+                continue
             text = pattern.sub(lambda found: found[1] or "", line.text).rstrip()
             if text:
                 yield Line(line.row, text)

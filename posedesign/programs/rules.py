@@ -61,9 +61,10 @@ def judged(
 ) -> Iterator[Problem]:
     """Problems of statements, or of what has one, of which few of each form are looked at.
 
-    That holds for rules that ask of each number whether it lies between two others, or how long it
-    is, and nothing of texts in quotes: where the smallest and the largest numbers of a form are
-    right, all are. A form has the same names, number for number, or what ``names`` says of them.
+    That holds for rules that ask of each number whether it lies between two others, is whole, or
+    how long it is, and nothing of texts in quotes: where the smallest and the largest numbers of a
+    form are right, all are. A form has the same names, number for number, or what ``names`` says of
+    them.
     """
     groups: dict[Hashable, list[tuple[Judged, Statement]]] = {}
     for item in items:
@@ -79,6 +80,7 @@ def judged(
             numbers, lengths = [*map(float, texts)], [*map(len, texts)]
             chosen |= {numbers.index(min(numbers)), numbers.index(max(numbers))}
             chosen.add(lengths.index(max(lengths)))
+            chosen.add(next((i for i, number in enumerate(numbers) if number % 1), 0))
         told = {n: [*faults(group[n][0])] for n in sorted(chosen)}
         if len(group) <= _FEW or any(told.values()):
             for n, (item, _) in enumerate(group):

@@ -27,17 +27,17 @@ import builtins
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from posedesign.programs import joint_programs as joints
 from posedesign.programs import language, signatures
 from posedesign.programs.arm import Arm
-from posedesign.programs.language import Line
+from posedesign.programs.language import Line, Shape, Statement
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem
-from posedesign.programs.rules import CONTROL, check_bytes, measuring, told
+from posedesign.programs.rules import CONTROL, check_bytes, judged, measuring, told
 from posedesign.programs.signatures import Argument
 from posedesign.programs.straight_line import Event, Give, Go, Values
 from posedesign.programs.writing import NameRule, Phrases
@@ -76,9 +76,45 @@ _QUOTED = re.compile(r"""\"[^\"\n]*\"|'[^'\n]*'|#[^\n]*""")
 _UNDERSCORED = re.compile(r"(?<![\w.])\d[\d.]*_[\w.]*")
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 
-_Step = tuple[ast.stmt, list[ast.AST], bool]
-"""A statement, the expressions in it but for those of its blocks, and whether it is inside of one
-that may not be run, or not then."""
+_NUMBERS = re.compile(
+    r"""("[^"\n]*"|'[^'\n]*')
+    |((?:(?:(?<=[\[(,=])|(?<=[\[(,=]\ ))-)?(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.]))""",
+    re.ASCII | re.VERBOSE,
+)
+
+
+_DIGITS = re.compile(r"\d+")
+_BY_NUMBER = re.compile(r"mod|\br\b|radius")  # arguments whose number changes what a step does
+_PLAIN_MOVE = re.compile(
+    r"\s*a?movej\((?:posj\([^()\[\]]*\)|\[[^()\[\]]*\])(?:, *\w+ *= *[-\w.]+)*\)\s*"
+)
+
+
+@dataclass
+class _Step:
+    """A statement; ``inside``: of one that may not be run, or not then."""
+
+    node: ast.stmt
+    inside: bool
+    form: Statement
+    """The text of its lines: equal forms differ in numbers only."""
+
+    @property
+    def nodes(self) -> list[ast.AST]:
+        """Expressions in it but for those of its blocks."""
+        if self.form.said is None:
+            parts = list(ast.iter_child_nodes(self.node))
+            self.form.said = [x for p in parts if not isinstance(p, _BLOCKS) for x in _inside(p)]
+        said: list[ast.AST] = self.form.said
+        return said
+
+    @property
+    def row(self) -> int:
+        """Its line."""
+        return self.node.lineno
+
+
+_BLOCKS = (ast.stmt, ast.excepthandler, ast.match_case)
 
 
 def _tree(text: str) -> ast.Module | Problem:
@@ -109,20 +145,35 @@ _SILENT = (ast.Constant, ast.expr_context, ast.operator, ast.unaryop, ast.boolop
 _PLACES = [parameter.name for parameter in SIGNATURES["movej"].parameters]
 
 
-def _steps(tree: ast.Module) -> list[_Step]:
+def _steps(tree: ast.Module, text: str) -> list[_Step]:
     """Statements in the order of the file."""
-    return language.shared(("drl steps", id(tree)), lambda: list(_walked(tree)))
+    return language.shared(("drl steps", id(tree)), lambda: list(_walked(tree, text)))
 
 
-def _walked(tree: ast.Module) -> Iterator[_Step]:
+def _walked(tree: ast.Module, text: str) -> Iterator[_Step]:
     waiting: list[tuple[ast.AST, bool]] = [(s, False) for s in reversed(tree.body)]
+    lines, shapes = text.replace("\r", "").split("\n"), dict[str, Shape]()
+    last = 0
     while waiting:
         node, inside = waiting.pop()
-        parts = list(ast.iter_child_nodes(node))
-        blocks = [p for p in parts if isinstance(p, (ast.stmt, ast.excepthandler, ast.match_case))]
+        blocks = [p for p in ast.iter_child_nodes(node) if isinstance(p, _BLOCKS)]
         if isinstance(node, ast.stmt):
-            own = [x for p in parts if not blocks or p not in blocks for x in _inside(p)]
-            yield node, own, inside
+            alone = not blocks and node.lineno == node.end_lineno != last
+            own = lines[node.lineno - 1] if alone else ""
+            pieces = _NUMBERS.split(own)
+            slots = [slot for slot in pieces[2::3] if slot]
+            pieces[2::3] = [
+                _DIGITS.sub("\0", slot.lstrip("-") if slot else "") for slot in pieces[2::3]
+            ]
+            key = "".join([piece or "" for piece in pieces])
+            key = key if alone else f"{node.lineno} {node.col_offset}"
+            key += " ".join(slots) if _BY_NUMBER.search(own) else ""
+            shape = shapes.get(key)
+            if shape is None:
+                numbers = [*range(len(slots))]
+                shape = shapes[key] = Shape(language.NOTHING, [], slots=(numbers, (), ()))
+            last = node.end_lineno or 0
+            yield _Step(node, inside, Statement(node.lineno, own, shape, slots))
         waiting += [(block, True) for block in reversed(blocks)]
 
 
@@ -199,34 +250,60 @@ def _events(text: str) -> Iterator[Event]:
     if isinstance(tree, Problem):
         yield Go(tree.line, "", fault=f"a position cannot be read: {tree.message}")
         return
-    for step, nodes, inside in _steps(tree):
-        for name, call in _calls(nodes):
-            if name in _MOVES:
-                yield from _move(call, inside)
-        names = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
-        match step:
-            case ast.Assign(targets=[ast.Name(id=name)], value=value):
-                given = _joints_in(value, aliases=False)
-                yield Give(step.lineno, name, given if isinstance(given, Values) else None, inside)
-                names -= {name}
-        # what it may change otherwise
-        for node in nodes:
-            func = node.func if isinstance(node, ast.Call) else None
-            if isinstance(func, ast.Attribute) and isinstance(func.value, ast.Name):
-                names |= {func.value.id} if func.attr != "format" else set()
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in _PURE:
-                names |= {n.id for a in node.args for n in ast.walk(a) if isinstance(n, ast.Name)}
-                kept = (n for k in node.keywords for n in ast.walk(k.value))
-                names |= {n.id for n in kept if isinstance(n, ast.Name)}
-            elif isinstance(node, (ast.Subscript, ast.Attribute, ast.Starred)):
-                stored = isinstance(node.ctx, (ast.Store, ast.Del))
-                names |= {node.value.id} if stored and isinstance(node.value, ast.Name) else set()
-            elif isinstance(node, ast.arg):
-                names.add(node.arg)
-            elif isinstance(node, ast.alias):
-                names.add(node.asname or node.name)
-        names |= {*step.names} if isinstance(step, ast.Global) else set()
-        yield from (Give(step.lineno, name, None, inside) for name in sorted(names))
+    found: dict[Shape, int | None] = {}  # where the joints stand; None: nothing is done
+    for step in _steps(tree, text):
+        shape, slots = step.form.shape, step.form.slots
+        known = found.get(shape, -1)
+        if known is not None and known >= 0:
+            texts = tuple(slots[known : known + joints.JOINTS])
+            yield Go(step.row, Values(step.row, texts), step.inside)
+        elif known is not None:
+            events = [*_events_of(step.node, step.nodes, step.inside)]
+            yield from events
+            if not events:
+                found[shape] = None
+            elif isinstance(events[0], Go) and _PLAIN_MOVE.fullmatch(step.form.text):
+                target = events[0].target
+                at = _place_in(target.texts, slots) if isinstance(target, Values) else -1
+                found[shape] = at
+
+
+def _place_in(texts: Sequence[str], slots: Sequence[str]) -> int:
+    """Where joint values stand in the numbers of a line; -1 for elsewhere."""
+    numbers, values = ([(float(t), t[0] == "-") for t in told] for told in (slots, texts))
+    ends = range(len(numbers) - len(values) + 1) if len(values) == joints.JOINTS else ()
+    found = [k for k in ends if numbers[k : k + joints.JOINTS] == values]
+    return found[0] if len(found) == 1 else -1
+
+
+def _events_of(step: ast.stmt, nodes: list[ast.AST], inside: bool) -> Iterator[Event]:
+    for name, call in _calls(nodes):
+        if name in _MOVES:
+            yield from _move(call, inside)
+    names = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    match step:
+        case ast.Assign(targets=[ast.Name(id=name)], value=value):
+            given = _joints_in(value, aliases=False)
+            yield Give(step.lineno, name, given if isinstance(given, Values) else None, inside)
+            names -= {name}
+    # what it may change otherwise
+    for node in nodes:
+        func = node.func if isinstance(node, ast.Call) else None
+        if isinstance(func, ast.Attribute) and isinstance(func.value, ast.Name):
+            names |= {func.value.id} if func.attr != "format" else set()
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in _PURE:
+            names |= {n.id for a in node.args for n in ast.walk(a) if isinstance(n, ast.Name)}
+            kept = (n for k in node.keywords for n in ast.walk(k.value))
+            names |= {n.id for n in kept if isinstance(n, ast.Name)}
+        elif isinstance(node, (ast.Subscript, ast.Attribute, ast.Starred)):
+            stored = isinstance(node.ctx, (ast.Store, ast.Del))
+            names |= {node.value.id} if stored and isinstance(node.value, ast.Name) else set()
+        elif isinstance(node, ast.arg):
+            names.add(node.arg)
+        elif isinstance(node, ast.alias):
+            names.add(node.asname or node.name)
+    names |= {*step.names} if isinstance(step, ast.Global) else set()
+    yield from (Give(step.lineno, name, None, inside) for name in sorted(names))
 
 
 def _move(call: ast.Call, inside: bool) -> Iterator[Event]:
@@ -243,7 +320,8 @@ def _move(call: ast.Call, inside: bool) -> Iterator[Event]:
 
 def check_doosan_drl(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    tree = _tree(data.decode("latin-1"))
+    text = data.decode("latin-1")
+    tree = _tree(text)
     if isinstance(tree, Problem):
         return told([tree], check_bytes(data, CONTROL))
     does = (ast.Assign, ast.AnnAssign, ast.FunctionDef)
@@ -251,15 +329,16 @@ def check_doosan_drl(data: bytes, path: Path) -> list[Problem]:
         isinstance(s, does) or isinstance(getattr(s, "value", 0), ast.Call) for s in tree.body
     ):
         return [Problem(1, "syntax", "there is no call and no function in it")]
-    return told(_Checker(tree).check(), check_bytes(data, CONTROL))
+    return told(_Checker(_steps(tree, text)).check(), check_bytes(data, CONTROL))
 
 
 class _Checker:
     """The statements of a program, and what is known of its names."""
 
-    def __init__(self, tree: ast.Module) -> None:
-        self.steps = _steps(tree)
-        nodes = [node for step, own, _ in self.steps for node in (step, *own)]
+    def __init__(self, steps: list[_Step]) -> None:
+        self.steps = steps
+        of_forms = {step.form.shape: step for step in steps}.values()
+        nodes = [node for step in of_forms for node in (step.node, *step.nodes)]
         self.own = {node.name for node in nodes if isinstance(node, _FUNCTIONS)}
         self.known = {*_PURE, *self.own}
         self.texts_of: dict[str, set[str]] = {}  # kinds of the values of names
@@ -273,39 +352,51 @@ class _Checker:
                     self.known |= {*names}
                 case ast.ExceptHandler(name=str(name)):
                     self.known.add(name)
-        self.known |= {h.name for s, *_ in self.steps for h in getattr(s, "handlers", ()) if h.name}
+        self.known |= {h.name for s in steps for h in getattr(s.node, "handlers", ()) if h.name}
         named = (n for s in SIGNATURES.values() for p in s.parameters for n in p.names)
         self.meant = " ".join([*self.known - {*dir(builtins)}, _WORDS, _USUAL, *named])
         self.numbers = {
             a.arg
-            for step, *_ in self.steps
+            for step in (s.node for s in steps)
             if isinstance(step, ast.FunctionDef)
             for a, value in zip(step.args.args[::-1], step.args.defaults[::-1], strict=False)
             if _number(value)
         }
 
     def check(self) -> Iterator[Problem]:
+        yield from judged(self.steps, self._check_step, lambda step: step.form)
         standing = joints.Standing(("mwait", "wait"))
-        for step, nodes, _ in self.steps:
-            row, called = step.lineno, list(_calls(nodes))
-            loads = (n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
-            for name in sorted({*loads} - self.known):
-                if not re.fullmatch(r"DR_[A-Z_\d]+", name):
-                    level = joints.level_of(name, self.meant, name * name[-1].isdigit())
-                    yield Problem(row, "name", f"{name[:40]} is not known", level)  # P_2 is not P_1
-            idle = isinstance(step, ast.Expr) and not isinstance(step.value, ast.Call)
-            if idle and not isinstance(getattr(step.value, "value", None), str):  # type: ignore[attr-defined]
-                yield measuring(row, "name", "a name or a value alone does nothing")
-            yield from self._check_texts(row, nodes)
-            for name, call in called:
-                yield from _check_call(row, name, call)
-                moves = name.startswith(("move", "amove"))
-                radius = next((k.value for k in call.keywords if k.arg in ("r", "radius")), None)
-                blended = radius is not None and float(_number(radius) or 1) != 0
-                stops = name == "mwait" or (name[0] == "m" and moves and not blended)
-                measures = name in self.own or name == "sub_program_run"
-                measures |= name == "set_digital_output" and "OFF" not in ast.unparse(call)
-                yield from standing.check(row, moves, stops, name == "wait", measures)
+        for step in self.steps:
+            notes = step.form.shape.notes
+            if "does" not in notes:
+                notes["does"] = [*self._does(step)]
+            for does in notes["does"]:
+                yield from standing.check(step.row, *does)
+
+    def _does(self, step: _Step) -> Iterator[tuple[bool, bool, bool, bool]]:
+        """Whether each call in a step moves the arm, stops it, waits, or measures."""
+        for name, call in _calls(step.nodes):
+            moves = name.startswith(("move", "amove"))
+            radius = next((k.value for k in call.keywords if k.arg in ("r", "radius")), None)
+            blended = radius is not None and float(_number(radius) or 1) != 0
+            stops = name == "mwait" or (name[0] == "m" and moves and not blended)
+            measures = name in self.own or name == "sub_program_run"
+            measures |= name == "set_digital_output" and "OFF" not in ast.unparse(call)
+            yield moves, stops, name == "wait", measures
+
+    def _check_step(self, step: _Step) -> Iterator[Problem]:
+        node, nodes, row = step.node, step.nodes, step.row
+        loads = (n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
+        for name in sorted({*loads} - self.known):
+            if not re.fullmatch(r"DR_[A-Z_\d]+", name):
+                level = joints.level_of(name, self.meant, name * name[-1].isdigit())
+                yield Problem(row, "name", f"{name[:40]} is not known", level)  # P_2 is not P_1
+        idle = isinstance(node, ast.Expr) and not isinstance(node.value, ast.Call)
+        if idle and not isinstance(getattr(node.value, "value", None), str):  # type: ignore[attr-defined]
+            yield measuring(row, "name", "a name or a value alone does nothing")
+        yield from self._check_texts(row, nodes)
+        for name, call in _calls(nodes):
+            yield from _check_call(row, name, call)
 
     def _check_texts(self, row: int, nodes: Iterable[ast.AST]) -> Iterator[Problem]:
         for node in nodes:

@@ -84,10 +84,13 @@ _BLOCKS = {
 }
 
 
+_without_remarks = language.without_remarks(r";.*|^\.\*.*", marks=";*")
+
+
 def _sections(lines: Iterator[Line]) -> Iterator[Line]:
     """Lines of programs and lists, and the heads of all sections."""
     inside = ""
-    for line in language.without_remarks(r";.*|^\.\*.*")(lines):
+    for line in _without_remarks(lines):
         text = line.text
         head = _SECTION.match(text)
         if head:

@@ -44,7 +44,7 @@ BLOCKS = {
 
 LANGUAGE = Language(
     "posedesign.programs.kuka_krl",
-    joined=language.without_remarks("^&.*|;.*"),
+    joined=language.without_remarks("^&.*|;.*", marks="&;"),
     signed=True,
     unary=r"(?<=[{,][A-Z]\ )|(?<=[{,][AE]\d\ )|(?<=[{,]\ [A-Z]\ )|(?<=[{,]\ [AE]\d\ )",
     letters=r"\w$",

@@ -69,7 +69,9 @@ _STEP = re.compile(r"\s*(?:\d{1,5} +)?([A-Za-z]\w*)(?: .*)?")
 
 LANGUAGE = Language(
     __package__ or "",
-    joined=language.without_remarks(r"^\s*\d+ *'.*|'.*"),  # of a step that is nothing else, too
+    joined=language.without_remarks(
+        r"^\s*\d+ *'.*|'.*", marks="'"
+    ),  # of a step that is nothing else, too
     signed=True,
     letters=r"\w",
 )

@@ -11,7 +11,15 @@ from defusedxml import DefusedXmlException, ElementTree
 from lark import Token, Tree
 
 from calib.errors import FileFormatError
-from posedesign.programs.language import Language, Statement, subtrees, text_of, without_remarks
+from posedesign.programs.language import (
+    Language,
+    Statement,
+    nodes,
+    shared,
+    subtrees,
+    text_of,
+    without_remarks,
+)
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM, read_program_bytes
 
 _KEYWORDS = """and begin break call case default do else elseif end endfor endif endswitch endwhile
@@ -184,6 +192,10 @@ class XmlFault(Exception):
 
 def parse_xml(data: bytes) -> Node:
     """Root of a file; XmlFault where it is no well-formed XML, or has a DTD or entities."""
+    return shared(("xml", data), lambda: _parsed(data))
+
+
+def _parsed(data: bytes) -> Node:
     builder = _Builder()
     try:
         builder.parser.feed(data)
@@ -241,7 +253,7 @@ class _Builder:
         """Take the end of the file."""
 
 
-LANGUAGE = Language(__package__ or "", joined=without_remarks("//.*"), letters=r"\w")
+LANGUAGE = Language(__package__ or "", joined=without_remarks("//.*", marks="/"), letters=r"\w")
 
 
 def statements_of(code: Node) -> list[Statement]:
@@ -257,12 +269,34 @@ MOVES = {"movej": 1, "movel": 1, "movec": 2}
 _INDEX = re.compile(r"0*(\d{1,9})", re.ASCII)
 
 
-def targets_of(statement: Statement) -> Iterator[tuple[str, str]]:
+def targets_of(statement: Statement) -> list[tuple[str, str]]:
     """Variables that a statement moves to: name, and index; see :func:`index_of`."""
-    for function in statement.all("function"):
+    if statement.said is None:
+        statement.said = [(name_of(place), index_of(place)) for place in statement.nodes(_targets)]
+    said: list[tuple[str, str]] = statement.said
+    return said
+
+
+def _targets(tree: Tree[Token]) -> Iterator[Tree[Token]]:
+    for function in nodes(tree, "function"):
         for target in subtrees(function)[: MOVES.get(name_of(function).lower(), 0)]:
             if target.data == "place":
-                yield name_of(target), index_of(target)
+                yield target
+
+
+def functions_in(statement: Statement) -> set[str]:
+    """Names of the functions in a statement, in small letters."""
+    return {name_of(function).lower() for function in statement.all("function")}
+
+
+def given_in(statement: Statement) -> str:
+    """Name of the variable that a statement gives a value; empty for none."""
+    return "".join(statement.texts(_given))
+
+
+def _given(tree: Tree[Token]) -> list[Token]:
+    place = subtrees(tree)[0].children if tree.data == "assignment" else []
+    return [c for c in place[:1] if isinstance(c, Token)]
 
 
 def name_of(tree: Tree[Token]) -> str:

@@ -107,7 +107,11 @@ def _changed(path: Path) -> dict[str, int]:
     """
     found: dict[str, int] = {}
     given: dict[str, int] = {}
-    for statement in _started(path):
+    statements = [*_started(path)]
+    moved = {name for s in statements for name, _ in project.targets_of(s)}
+    if moved.isdisjoint(map(project.given_in, statements)):
+        return {}
+    for statement in statements:
         for name, index in project.targets_of(statement):
             own = [n for n in given if n.partition("[")[0] == name]
             found |= {n: given[n] for n in own if not index or n in (name, f"{name}[{index}]")}

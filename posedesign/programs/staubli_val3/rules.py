@@ -237,20 +237,18 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
             reason = "the code does not begin with begin and end with end, once each"
             yield Problem(code.text_line, "code", reason)
         yield from block_faults(statements, _BLOCKS, "code")
+        yield from rules.judged(statements, scope.check, lambda s: s)
         stands, whole, moved = True, True, set()
         for statement in statements:
             if statement.fault:
-                yield Problem(statement.row, "syntax", statement.fault)
                 whole = False
                 continue
-            for rule, reason, level in scope.faults(statement):
-                yield Problem(statement.row, rule, reason, level)
-            called = {name_of(function).lower() for function in statement.all("function")}
+            called = statement.once(project.functions_in)
             if not stands and (statement.kind == "call" or "herej" in called):
                 reason = "no waitEndMove() since the last move"
                 yield Problem(statement.row, "wait-to-measure", reason, "measuring")
             stands = "waitendmove" in called or (stands and not called & project.MOVES.keys())
-            moved |= set(project.targets_of(statement))
+            moved.update(project.targets_of(statement))
         own = next((name for name in ("jPose", "pPose") if name in scope.known), "")
         if path.stem == "start" and own and "sPlan" in scope.known and whole:
             size = scope.known[own][1] or 0
@@ -286,8 +284,10 @@ class _Scope:
             size = int(node.get("size")) if _WHOLE.fullmatch(node.get("size")) else None
             self.known[node.get("name")] = node.get("type") or node.name, size
 
-    def faults(self, statement: Statement) -> Iterator[rules.Fault]:
-        """What is wrong with the names in a statement."""
+    def check(self, statement: Statement) -> Iterator[Problem]:
+        """What is wrong with a statement, or the names in it."""
+        if statement.fault:
+            yield Problem(statement.row, "syntax", statement.fault)
         checks = {
             "function": self._of_function,
             "routine": self._of_routine,
@@ -295,7 +295,8 @@ class _Scope:
         }
         for tree in statement.all(*checks):
             if ":" not in name_of(tree):  # else of a library
-                yield from checks[tree.data](tree)
+                for rule, reason, level in checks[tree.data](tree):
+                    yield Problem(statement.row, rule, reason, level)
 
     def _of_function(self, function: Tree[Token]) -> Iterator[rules.Fault]:
         name, given = name_of(function), subtrees(function)

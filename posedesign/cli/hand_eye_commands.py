@@ -350,7 +350,8 @@ def camera(
         str,
         typer.Option(
             help="In place of the board of the cell: a target of Kalibr or of robot_cal_tools "
-            "(YAML), or keys as in [board], say kind=chessboard,columns=10,rows=7,square_mm=18."
+            "(YAML), or keys as in [board], in a file or here, say "
+            "kind=chessboard,columns=10,rows=7,square_mm=18."
         ),
     ] = "",
     board_errors: Annotated[

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from calib.robot_world.methods import METHODS as METHODS
     from calib.robot_world.methods import PAPER_METHODS as PAPER_METHODS
     from calib.robot_world.methods import Method as Method
+    from calib.robot_world.network import FramePrior as FramePrior
     from calib.robot_world.network import Network as Network
     from calib.robot_world.network import NetworkResult as NetworkResult
     from calib.robot_world.network import solve_network as solve_network

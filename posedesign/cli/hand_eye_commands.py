@@ -14,9 +14,11 @@ from posedesign.cli import output
 if TYPE_CHECKING:
     from calib.errors import CalibError
     from calib.lens import Lens, LensName
+    from calib.robot_world import NetworkResult
     from calib.robots import Robot
     from posedesign.files import Results
     from posedesign.hand_eye.pairs import Pairs
+    from posedesign.hand_eye.pairs.certificate import Camera
     from posedesign.hand_eye.recordings import Taken
 
 
@@ -116,6 +118,14 @@ def robot_world(
             "sure. Without it the scale is estimated, too, and said where it is not 1.",
         ),
     ] = False,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            "--prior",
+            help="What is known of camera and target from elsewhere, as for network: one answer by "
+            "pairs and priors in place of the methods, for motions that do not tell all.",
+        ),
+    ] = None,
     certify: Annotated[
         bool,
         typer.Option(
@@ -147,11 +157,12 @@ def robot_world(
     By one method or by many, with standard deviations, what is left over pair by pair, and what
     each pair has left over when it is left out.
     """
-    from calib.errors import CalibError
+    from calib.errors import CalibError, NotIdentifiableError
     from posedesign.hand_eye.pairs import PairSource
     from posedesign.hand_eye.pairs import results as pair_results
     from posedesign.hand_eye.pairs.certificate import refuse_uncertifiable
     from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
+    from posedesign.report.network import told_in_part
     from posedesign.report.pairs import answer_of_pairs, solve_and_draw
 
     named = listed(columns), listed(variables)
@@ -170,7 +181,13 @@ def robot_world(
         None if noise_mm is None else noise_mm / 1e3,
     )
     noise = pair_results.asked_noise(found, camera, *sizes, noise_on)
-    results = output.results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
+    results = output.results_in(out, "robot-world", pairs, a, b, prior, overwrite=overwrite)
+    if prior is not None:
+        from posedesign.hand_eye.pairs.priors import read_priors
+
+        known = pair_results.size_of_noise(noise)
+        result = told_in_part(found, camera, results, known, read_priors(prior))
+        return _tell_in_part(found, camera, result, out, verbose=verbose, as_json=as_json)
     claims = claim_transforms(results) if transforms else []
     try:
         with output.progress("A X = Z B", quiet=as_json) as advance:
@@ -178,6 +195,13 @@ def robot_world(
                 found, results, methods, noise, advance, estimate_scale=estimate_scale
             )
             outcomes = pair_results.certified(found, outcomes) if certify else outcomes
+    except NotIdentifiableError as error:
+        known = pair_results.size_of_noise(noise)
+        part = None if certify or estimate_scale else told_in_part(found, camera, results, known)
+        if part is None or not len(part.untold):
+            _say_how_read(found, error)
+            raise
+        return _tell_in_part(found, camera, part, out, verbose=verbose, as_json=as_json)
     except CalibError as error:
         _say_how_read(found, error)
         raise
@@ -195,6 +219,29 @@ def robot_world(
     content = [pair_results.outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
     good, first = pair_results.reached(outcomes), output.rehearsed_words(pairs, a, b)
     return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
+
+
+def _tell_in_part(
+    pairs: Pairs,
+    camera: Camera,
+    result: NetworkResult,
+    out: Path,
+    *,
+    verbose: bool,
+    as_json: bool,
+) -> int:
+    """Say what pairs of one camera and one target tell, and what not."""
+    from posedesign.hand_eye.pairs.networks import NetworkPairs, network_as_dict
+    from posedesign.report.network import FILES, answer_of_network
+
+    files = [str(out / name) for name, _ in FILES if (out / name).is_file()]
+    return output.tell(
+        answer_of_network(NetworkPairs.of_one(pairs, camera), result, files),
+        result.is_ok,
+        verbose=verbose,
+        content=network_as_dict(result),
+        as_json=as_json,
+    )
 
 
 def _say_how_read(pairs: Pairs, error: CalibError) -> None:

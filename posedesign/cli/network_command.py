@@ -51,6 +51,15 @@ def network(
     noise_mm: Annotated[
         float | None, typer.Option(help="Standard deviation of its translations [mm], likewise.")
     ] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            "--prior",
+            help="What is known of cameras and targets from elsewhere (prior.toml): a section "
+            "[NAME] each with position_mm, wpr_deg, z_axis and their sigma_mm, sigma_deg; inf "
+            "where it is not known.",
+        ),
+    ] = None,
     out: output.OutFolder = Path(),
     as_json: output.AsJson = False,
     verbose: output.Verbose = False,
@@ -61,8 +70,8 @@ def network(
 ) -> int:
     """Solve A X = Z B for several cameras, targets and arms at once.
 
-    Every frame with its standard deviations. Pairs that contradict the others take no part, and
-    what was moved between two cameras is named.
+    Every frame with its standard deviations. Pairs that contradict the others take no part, what
+    was moved between two cameras is named, and so is what the motion does not tell.
     """
     from calib.errors import InputError
     from calib.robot_world import PairNoise
@@ -72,6 +81,7 @@ def network(
         read_edges,
         read_table_of_network,
     )
+    from posedesign.hand_eye.pairs.priors import read_priors
     from posedesign.report.network import FILES, answer_of_network, solve_and_draw_network
 
     if (pairs is None) == (not edge):  # one of the two
@@ -94,8 +104,9 @@ def network(
         if noise_deg is None or noise_mm is None
         else PairNoise(math.radians(noise_deg), noise_mm / 1e3)
     )
-    results = output.results_in(out, "network", pairs, overwrite=overwrite)
-    result = solve_and_draw_network(found, results, noise)
+    priors = () if prior is None else read_priors(prior)
+    results = output.results_in(out, "network", pairs, prior, overwrite=overwrite)
+    result = solve_and_draw_network(found, results, noise, priors)
     files = [str(out / name) for name, _ in FILES if (out / name).is_file()]
     return output.tell(
         answer_of_network(found, result, files),

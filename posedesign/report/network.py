@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.robot_world import NetworkResult, Noise
+from calib.robot_world import FramePrior, NetworkResult, Noise
 from posedesign.files import Results
 from posedesign.files.csv_tables import write_table
 from posedesign.hand_eye.pairs.networks import (
@@ -24,6 +24,9 @@ from posedesign.report.answer import Answer, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from posedesign.hand_eye.pairs import Pairs
+    from posedesign.hand_eye.pairs.certificate import Camera
+
 FILES = (
     ("network.csv", "frames of a network"),
     ("network_pairs.csv", "residuals of its pairs"),
@@ -39,16 +42,33 @@ _MOST_WRITTEN = 12
 
 
 def solve_and_draw_network(
-    found: NetworkPairs, results: Results, noise: Noise | None
+    found: NetworkPairs,
+    results: Results,
+    noise: Noise | None,
+    priors: Sequence[FramePrior] = (),
 ) -> NetworkResult:
-    """Solve a network; write its frames, the residuals of its pairs, and the figure."""
+    """Solve a network, in part where need be; write its frames, what is left over, and the figure.
+
+    What is not told, and what is left over pair by pair, is in the result.
+    """
     frames, pairs, *drawn = results.claim("computed", *FILES)
-    result = found.solved(noise)
+    result = found.solved(noise, priors, in_part=True)
     rows, each = frame_rows(result), pair_rows_of_network(found, result)
     write_table(frames, list(rows[0]), rows)
     write_table(pairs, list(each[0]), each)
     figures.draw(results, drawn, lambda: figure_of_network(edge_rows(result)))
     return result
+
+
+def told_in_part(
+    pairs: Pairs,
+    camera: Camera,
+    results: Results,
+    noise: Noise | None,
+    priors: Sequence[FramePrior] = (),
+) -> NetworkResult:
+    """Solve pairs of one camera and one target as far as they, and priors, tell; write it."""
+    return solve_and_draw_network(NetworkPairs.of_one(pairs, camera), results, noise, priors)
 
 
 def answer_of_network(
@@ -60,7 +80,8 @@ def answer_of_network(
     left = result.residuals[result.used]
     rms = [float(np.sqrt((part**2).sum(axis=1).mean())) for part in (left[:, 3:], left[:, :3])]
     shown["left over"] = f"{1e3 * rms[0]:.3g} mm, {np.degrees(rms[1]):.3g} deg rms"
-    state = "solved" if result.is_ok else "not to be trusted"
+    trusted = all(one.grade != "not to be trusted" for one in result.findings)
+    state = "not to be trusted" if not trusted else "solved" if result.is_ok else "solved in part"
     several = f", {len(net.arms)} arms" if len(net.arms) > 1 else ""
     parts = sorted({net.arms[j] for j in net.reference})
     apart = (
@@ -68,11 +89,25 @@ def answer_of_network(
         if len(parts) > 1
         else []
     )
+    if len(result.untold):
+        apart.append(
+            "to have it told turn the flange about two axes, or say what is known of it from "
+            "elsewhere with `prior`"
+        )
+    one_of_each = len(net.on_flange) == len(net.around) == 1
+    what = (
+        f"{net.on_flange[0]} and {net.around[0]}"
+        if one_of_each
+        else f"{len(net.on_flange)} on flanges, {len(net.around)} around{several},"
+    )
     return Answer(
-        f"{state}: {len(net.on_flange)} on flanges, {len(net.around)} around{several}, from "
-        f"{int(result.used.sum())} of {net.N} pairs",
+        f"{state}: {what} from {int(result.used.sum())} of {net.N} pairs",
         shown,
-        warnings=[*found.pairs.notes, *(one.text for one in result.findings)],
+        warnings=[
+            *(f"not told: {text}" for text in result.not_told),
+            *found.pairs.notes,
+            *(one.text for one in result.findings),
+        ],
         notes=apart,
         tables=[Table("Frames", rows), Table("Pairs of frames", edges)],
         files=files,

@@ -8,6 +8,7 @@ import pytest
 from posedesign.files.csv_tables import read_table, write_table
 from posedesign.hand_eye.pairs import Pairs, write_pairs
 from tests.cli.conftest import rows_of
+from tests.unit.robot_world.test_in_part import problem
 from tests.unit.robot_world.test_network import scene_of
 
 
@@ -100,3 +101,46 @@ def test_what_cannot_be_is_refused_in_one_line(refuse, scene, tmp_path, monkeypa
     rows[3]["around"] = ""
     write_table(tmp_path / "empty.csv", table.columns, rows)
     refuse("network", *words).says(said)
+
+
+def test_an_arm_of_four_axes_gets_what_its_motion_tells(cli, tmp_path):
+    """And all of it where a height is known from elsewhere."""
+    (A, B, *_), _, Z, _ = problem("scara", 4)
+    path = write_pairs(tmp_path / "pairs.csv", Pairs(tuple(f"P{i}" for i in range(len(A))), A, B))
+    said = cli("robot-world", path, "--out", tmp_path)
+    assert said.code == 1
+    assert "solved in part: camera and target from " in said.out
+    told = " ".join(said.err.split())
+    assert "not told: the place of camera along z of its flange, and as much the place of" in told
+    assert "--prior" in told
+    prior = tmp_path / "prior.toml"
+    height = 1e3 * Z[2, 3]
+    prior.write_text(f"[target]\nposition_mm = [0.0, 0.0, {height}]\nsigma_mm = [inf, inf, 0.5]\n")
+    for command in (("robot-world", path), ("network", "--edge", f"camera,target={path}")):
+        said = cli(*command, "--prior", prior, "--out", tmp_path / command[0], "--json")
+        assert said.code == 0, said.err
+        place = np.array(json.loads(said.out)["T"]["target"])[:3, 3]
+        np.testing.assert_allclose(place, Z[:3, 3], atol=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[target]\nposition_mm = [0.0, 0.0, 1.0]\n", "lacks one of position_mm and sigma_mm"),
+        ("[target]\nheight = 3.0\n", "is unknown"),
+        ("[target]\nposition_mm = [0.0, 0.0]\nsigma_mm = 1.0\n", "target.position_mm"),
+        ("[target]\nposition_mm = [0.0, 0.0, 1.0]\nsigma_mm = 0.0\n", "target.sigma_mm"),
+        ("[target]\nz_axis = [0.0, 0.0, 0.0]\nsigma_deg = 1.0\n", "has no length"),
+        ("[lens]\nz_axis = [0.0, 0.0, 1.0]\nsigma_deg = 1.0\n", "no frame lens"),
+        ("target = 3\n", "stands in no section"),
+        ("", "says nothing of any frame"),
+        ("[target\n", "is no valid TOML"),
+        ("[target]\n", "says nothing"),
+    ],
+)
+def test_priors_that_cannot_be_are_refused_in_one_line(refuse, tmp_path, text, said):
+    (A, B, *_), _, _, _ = problem("scara", 4)
+    path = write_pairs(tmp_path / "pairs.csv", Pairs(tuple(f"P{i}" for i in range(len(A))), A, B))
+    prior = tmp_path / "prior.toml"
+    prior.write_text(text)
+    refuse("robot-world", path, "--prior", prior, "--out", tmp_path).says(said)

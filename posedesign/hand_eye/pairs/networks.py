@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError, InputError
-from calib.robot_world import NetworkResult, Noise, solve_network
+from calib.robot_world import FramePrior, NetworkResult, Noise, solve_network
 from calib.se3 import wpr_from_rotation
+from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pairs.file import Pairs, expanded, read_numbers
 from posedesign.hand_eye.pairs.source import PairSource
 
@@ -64,10 +65,26 @@ class NetworkPairs:
     around: tuple[str, ...]
     arms: tuple[str, ...]
 
-    def solved(self, noise: Noise | None) -> NetworkResult:
+    @classmethod
+    def of_one(cls, pairs: Pairs, camera: Camera) -> NetworkPairs:
+        """Return pairs of one camera and one target, by the place of the camera."""
+        on_flange, around = ("camera", "target")[:: 1 if camera == "on-flange" else -1]
+        count = len(pairs.A)
+        return cls(pairs, (on_flange,) * count, (around,) * count, (_ONE_ARM,) * count)
+
+    def solved(
+        self, noise: Noise | None, priors: Sequence[FramePrior] = (), *, in_part: bool = False
+    ) -> NetworkResult:
         """Solve them; see :func:`calib.robot_world.solve_network`."""
         return solve_network(
-            self.pairs.A, self.pairs.B, self.on_flange, self.around, self.arms, noise=noise
+            self.pairs.A,
+            self.pairs.B,
+            self.on_flange,
+            self.around,
+            self.arms,
+            noise=noise,
+            priors=priors,
+            in_part=in_part,
         )
 
 
@@ -200,6 +217,7 @@ def network_as_dict(result: NetworkResult) -> Mapping[str, object]:
             for axis in ("rx_rad", "ry_rad", "rz_rad", "x_m", "y_m", "z_m")
         ],
         "edges": edge_rows(result),
+        "not_told": list(result.not_told),
         "findings": [{"text": one.text, "grade": one.grade} for one in result.findings],
         "ok": result.is_ok,
     }

@@ -105,6 +105,11 @@ def asked_noise(
     return PairNoise(rotation_rad, translation_m, _SIDES.get(on or "b", "B"))
 
 
+def size_of_noise(noise: Noise | NoiseShown | None) -> Noise | None:
+    """Return a noise of known size; None where it is to be estimated."""
+    return None if isinstance(noise, str) else noise
+
+
 def solve_pairs(
     pairs: Pairs,
     methods: Sequence[str],

@@ -35,9 +35,9 @@ neighbours: paper is not flat, and corners of small markers are off by a pixel."
 _FISHEYE = (0.5, 0.7, 0.9, 1.1, 1.3, 1.6)
 """Angles [rad] off the axis of a fisheye lens at which the corner of a picture is seen."""
 
-_MOST, _BETTER = 0.9, 0.02
-"""Share of points on the map from which on no fisheye lens is tried, and by how much more are on
-one with such a lens."""
+_NEAR, _BETTER = 0.3, 0.8
+"""Mean distance of points from the map, in parts of a far one, below which no fisheye lens is
+tried; and what of it a lens leaves that is taken."""
 
 _FLOOR_PX = 0.3
 """Points nearer than that to the map are never others: what the polynomial does not take of a lens
@@ -78,6 +78,7 @@ class Fisheye:
     def fitted(self, xy: FloatArray, px: FloatArray) -> Fisheye:
         """Return the lens that points ``(K, 2)`` of a plane keep to best, from this one on."""
         lens, steps = self, np.array([[0.01, 0.0], [0.0, 0.01]])
+        steps = steps[: 1 + (len(xy) >= _LENS_POINTS[1])]
         for _ in range(_LENS_ROUNDS):
             misses = [lens._moved(step)._miss(xy, px) for step in (np.zeros(2), *steps)]
             if any(miss is None for miss in misses):
@@ -85,7 +86,7 @@ class Fisheye:
             here, *others = (np.asarray(miss) for miss in misses)
             slope = np.stack([(other - here) / 0.01 for other in others], axis=1)
             moved = np.asarray(np.linalg.lstsq(slope, -here, rcond=None)[0], dtype=float)
-            lens = lens._moved(np.clip(moved, -0.2, 0.2))
+            lens = lens._moved(np.clip(moved, -0.2, 0.2) @ steps / 0.01)
         return lens
 
     def _moved(self, by: FloatArray) -> Fisheye:
@@ -100,8 +101,8 @@ class Fisheye:
         return np.asarray(self.bent(_projected(np.asarray(H, dtype=float), xy)) - px).ravel()
 
 
-_LENS_ROUNDS, _LENS_POINTS = 3, 20
-"""Rounds in which a lens is fitted, and the fewest points that tell one."""
+_LENS_ROUNDS, _LENS_POINTS = 3, (9, 20)
+"""Rounds in which a lens is fitted; the fewest points that tell one number of it, and both."""
 
 _WIDEST = 1.5
 """Largest angle [rad] off the axis of a lens at which anything is looked for."""
@@ -174,28 +175,32 @@ def fit_map(
     floor = _FLOOR_PX if refined else max(rough * near_px, 1.0)
     fisheye = None if start is None else start.fisheye
     best = _fit_robustly(xy, px, near_px, floor, refined, fisheye, start)
-    if shape is None or fisheye is not None or len(xy) < 16:
+    if shape is None or fisheye is not None or len(xy) < _LENS_POINTS[0]:
         return best
-    near = _share_near(best, xy, px, floor)
-    if near > _MOST:
+    if _cost(best, xy, px, floor, most=1.0) < _NEAR:
         return best
+    cost = _cost(best, xy, px, floor)
     middle = np.array([shape[1], shape[0]]) / 2.0 - 0.5
     for angle in _FISHEYE:
         lens = Fisheye(middle, float(np.linalg.norm(middle)) / angle)
         other = _fit_robustly(xy, px, near_px, floor, refined, lens, start)
-        share = _share_near(other, xy, px, floor)
-        if share > near + _BETTER:
-            best, near = other, share
+        now = _cost(other, xy, px, floor)
+        if now < _BETTER * cost:
+            best, cost = other, now
     return best
 
 
-def _share_near(
-    fitted: tuple[BoardMap, BoolArray] | None, xy: FloatArray, px: FloatArray, far_px: float
+def _cost(
+    fitted: tuple[BoardMap, BoolArray] | None,
+    xy: FloatArray,
+    px: FloatArray,
+    far_px: float,
+    most: float = 10.0,
 ) -> float:
-    """Return the share of points that are no farther off a map."""
+    """Return the mean distance of points from a map in parts of a far one, each at ``most``."""
     if fitted is None:
-        return 0.0
-    return float(np.mean(np.linalg.norm(fitted[0](xy) - px, axis=1) < far_px))
+        return most
+    return float(np.minimum(np.linalg.norm(fitted[0](xy) - px, axis=1) / far_px, most).mean())
 
 
 def _fit_robustly(
@@ -221,7 +226,7 @@ def _fit_robustly(
         count = np.count_nonzero(inside)
         if count < 4:
             return None
-        if fisheye is not None and k < _LENS_ROUNDS and count >= _LENS_POINTS:
+        if fisheye is not None and k < _LENS_ROUNDS and count >= _LENS_POINTS[0]:
             fisheye = fisheye.fitted(xy[inside], px[inside])
         found = _fit(xy[inside], px[inside], fisheye)
         if found is None:

@@ -26,14 +26,12 @@ from calib.vision.boards.board import (
     dictionary_of,
 )
 from calib.vision.boards.board_map import BoardMap, fit_map
+from calib.vision.boards.circles import CircleLattices, circles_shown, find_circles
 from calib.vision.boards.edges import Refined, refine
 from calib.vision.boards.finding import (
-    CircleLattices,
     Found,
     Markers,
-    circles_shown,
     find_chessboard,
-    find_circles,
     find_markers,
     halved,
     is_face_up,
@@ -184,6 +182,8 @@ markers are known to a pixel only, of the picture in which they were read."""
 
 def _measure(picture: GreyImage, found: Found) -> BoardSighting | None:
     board, which, board_map = found.board, found.which, found.board_map
+    if found.light:
+        picture = np.asarray(255 - picture, dtype=np.uint8)
     xy = board.points[which, :2]
     area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
     near_px = float(board.cell_m * np.sqrt(np.median(area)))
@@ -328,8 +328,6 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     check_picture(picture)
     lattices = CircleLattices(picture)
     sighting = sight(picture, board, thoroughly=True, lattices=lattices)
-    if sighting is None and isinstance(board, CircleGrid):
-        sighting = sight(np.asarray(255 - picture, dtype=np.uint8), board)
     if sighting is None:
         sighting = _found_smaller(picture, board)
     if sighting is not None:

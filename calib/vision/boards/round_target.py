@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from calib.se3 import FloatArray
 from calib.vision.boards.board import RoundTarget
 from calib.vision.boards.board_map import BoardMap
-from calib.vision.boards.finding import Found, dark_ellipses
+from calib.vision.boards.circles import dark_ellipses
+from calib.vision.boards.finding import Found
 from calib.vision.boards.picture import board_picture
 from calib.vision.camera.edges import read_grey
 from calib.vision.camera.rendering import GreyImage

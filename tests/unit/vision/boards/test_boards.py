@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.lens import Lens
 from calib.se3 import transform
 from calib.vision.boards import board_picture, detect_board, make_board
-from calib.vision.boards.finding import dark_ellipses
+from calib.vision.boards.circles import dark_ellipses
 from calib.vision.boards.picture import BoardPlate
 from tests.board_pictures import BOARDS, Camera
 

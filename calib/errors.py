@@ -222,6 +222,8 @@ def near_names(name: str, known: Iterable[str], *, most: int = 5) -> str:
     choices = list(known)
     near = difflib.get_close_matches(name.lower(), [c.lower() for c in choices], n=most, cutoff=0.5)
     picked = [c for n in near for c in choices if c.lower() == n]
+    begun = [c for c in choices if len(name) > 1 and c.lower().startswith(name.lower())]
+    picked = [*picked, *begun][:most]
     if picked:
         return "did you mean " + " or ".join(dict.fromkeys(picked)) + "?"
     return "known: " + ", ".join(choices[:30]) if choices else "there are none"

@@ -118,8 +118,15 @@ class Dialect:
             faults = (error,)
         for fault in faults[:MOST_PROBLEMS]:
             row, noted = getattr(fault, "row", None) or 1, isinstance(fault, NoPositionsError)
+            if noted and self._has_positions_beside(path):
+                continue
             said = re.sub(r"\A.*?(, line \d+)?: ", "", fault.message, count=1)
             yield Problem(row, "read", f"cannot be read: {said}", "note" if noted else level)
+
+    def _has_positions_beside(self, path: Path) -> bool:
+        """Whether a file is a companion of one with positions that stands beside it."""
+        is_companion = path.suffix.lower() in self.companions and path.is_file()
+        return is_companion and bool(beside(path, self.suffixes[:1], in_folder=self.in_folder))
 
     def unchecked(self, arm: Arm) -> tuple[str, ...]:
         """What programs of this arm take for granted, and nobody has compared with its controller.

@@ -89,6 +89,7 @@ def test_near_names_of_none_and_of_many():
     assert near_names("x", []) == "there are none"
     assert near_names("x", (f"name{i}" for i in range(100))).count(",") == 29
     assert near_names("joint", [f"joint_{i}" for i in range(9)], most=2).count(" or ") == 1
+    assert "ur-script" in near_names("UR", ["abb-rapid", "ur-script", "ur-urp"])  # short of it
 
 
 @pytest.mark.parametrize(

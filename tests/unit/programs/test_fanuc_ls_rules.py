@@ -95,6 +95,7 @@ ERRORS = [
     ("attribute", "READ_WRITE", "READ_WRIT", "cannot stand"),
     ("attribute", "DEFAULT_GROUP", "DEFAULT_GRUP", "DEFAULT_GROUP is"),
     ("attribute", "VERSION\t\t= 0;", "VERSION\t\t= 0", "not complete"),
+    ("attribute", "FILE_NAME\t= ;", "FILE_NAME\t= ,", "cannot stand"),
     ("line-format", "   5:  WAIT", "   X:  WAIT", "its number"),
     ("instruction", "!PLAN abcdef12 2", "WAIT", "'WAIT' is not complete"),
     ("instruction", "WAIT   1.00(sec) ;\n   6", "WAIT SAC 1.00(sec) ;\n   6", "SAC"),

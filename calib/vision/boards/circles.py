@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.se3 import FloatArray
-from calib.vision.boards.board import AsymmetricCircleGrid, CircleGrid
+from calib.vision.boards.board import AsymmetricCircleGrid, Board, CircleGrid
 from calib.vision.boards.finding import HALVED_FROM_PX, Found, Ways, fit_grid, halved, in_order
 from calib.vision.camera.rendering import GreyImage
 
@@ -25,6 +25,17 @@ _ROUNDNESS = 0.12
 
 _LEAST_FULL = 0.03
 """Area of a blob in squares of the length of its contour, below which it is no ellipse."""
+
+
+LIKE_SIZE = 1.6
+"""The most that one circle is larger across than its neighbour, where they are printed alike."""
+
+
+def lattices_for(picture: GreyImage, board: Board) -> CircleLattices:
+    """Return the lattices of a picture that a board may be, if it is a grid of circles."""
+    if isinstance(board, CircleGrid) and board.large_dot_m is not None:
+        return CircleLattices(picture, LIKE_SIZE * board.large_dot_m / board.diameter_m)
+    return CircleLattices(picture)
 
 
 def find_circles(picture: GreyImage, board: CircleGrid, lattices: CircleLattices) -> Found | None:
@@ -51,11 +62,14 @@ class Lattice(NamedTuple):
 
 
 class CircleLattices:
-    """Lattices that the circles of a picture lie on, each grown when it is first asked for."""
+    """Lattices that the circles of a picture lie on, each grown when it is first asked for.
 
-    def __init__(self, picture: GreyImage) -> None:
+    ``like_size``: the most that one circle is larger across than its neighbour.
+    """
+
+    def __init__(self, picture: GreyImage, like_size: float = LIKE_SIZE) -> None:
         self._kept: list[Lattice] = []
-        self._more = self._grown(picture)
+        self._more = self._grown(picture, like_size)
 
     def __iter__(self) -> Iterator[Lattice]:
         yield from self._kept
@@ -64,7 +78,7 @@ class CircleLattices:
             yield each
 
     @staticmethod
-    def _grown(picture: GreyImage) -> Iterator[Lattice]:
+    def _grown(picture: GreyImage, like_size: float) -> Iterator[Lattice]:
         from scipy.spatial import cKDTree
 
         tries = [(picture, 1, part) for part in _PARTS]
@@ -78,7 +92,8 @@ class CircleLattices:
             if _FEWEST_BLOBS <= len(ellipses) <= _MOST_BLOBS:
                 blobs = scale * (ellipses[:, :2] + 0.5) - 0.5
                 sizes = np.sqrt(ellipses[:, 2] * ellipses[:, 3])
-                yield from (Lattice(light, blobs, cells) for cells in _lattices(blobs, sizes))
+                grown = _lattices(blobs, sizes, like_size)
+                yield from (Lattice(light, blobs, cells) for cells in grown)
 
 
 _FEWEST_BLOBS = 9
@@ -89,9 +104,8 @@ _SEEDS, _NEIGHBOURS, _BASES = 12, 10, 6
 """Blobs that a grid is grown from; neighbours of each that its first steps may go to, where the
 next but one in a row of a tilted grid may be nearer than the next row; and pairs of such steps."""
 
-_OPPOSITE, _LIKE_SIZE = 0.35, 1.6
-"""Difference of the steps to two neighbours on both sides, in steps; and the most that one circle
-may be larger across than its neighbour."""
+_OPPOSITE = 0.35
+"""Difference of the steps to two neighbours on both sides, in steps."""
 
 _MISS, _FLAT, _LIKE = 0.3, 0.25, 2.5
 """Distance of a blob from where the grid goes on, in steps; sine of the least angle between two
@@ -104,14 +118,14 @@ Cells = dict[tuple[int, int], int]
 """Blobs of a lattice by its two coordinates."""
 
 
-def _lattices(blobs: FloatArray, sizes: FloatArray) -> Iterator[Cells]:
+def _lattices(blobs: FloatArray, sizes: FloatArray, like_size: float) -> Iterator[Cells]:
     """Yield lattices that blobs ``(B, 2)`` lie on, each grown from one in the midst of others."""
-    places, known = _Places(blobs), set[int]()
+    places, known = _Places(blobs, sizes), set[int]()
     for seed, bases in _seeds(blobs, sizes):
         if seed in known:
             continue
         for basis in bases:
-            cells = _grown(places, seed, basis)
+            cells = _grown(places, seed, basis, like_size)
             if len(cells) >= _FEWEST_BLOBS:
                 known.update(cells.values())
                 yield cells
@@ -128,7 +142,7 @@ def _seeds(blobs: FloatArray, sizes: FloatArray) -> Iterator[tuple[int, list[lis
     near = np.asarray(cKDTree(blobs).query(blobs, k=count)[1])[:, 1:]
     steps = (blobs[near] - blobs[:, None]) @ [1.0, 1.0j]  # (B, neighbours)
     larger = sizes[near] / sizes[:, None]
-    like = (larger < _LIKE_SIZE) & (larger > 1.0 / _LIKE_SIZE)
+    like = (larger < LIKE_SIZE) & (larger > 1.0 / LIKE_SIZE)
     one, other = np.triu_indices(count - 1, 1)
     length = np.minimum(np.abs(steps[:, one]), np.abs(steps[:, other]))
     miss = np.abs(steps[:, one] + steps[:, other]) / np.maximum(length, 1e-9)
@@ -152,8 +166,9 @@ def _seeds(blobs: FloatArray, sizes: FloatArray) -> Iterator[tuple[int, list[lis
 class _Places:
     """Blobs as complex numbers, by squares: in each square those that a place in it may be near."""
 
-    def __init__(self, blobs: FloatArray) -> None:
+    def __init__(self, blobs: FloatArray, sizes: FloatArray) -> None:
         self.all: list[complex] = (blobs @ [1.0, 1.0j]).tolist()
+        self.sizes: list[float] = sizes.tolist()
         self._squares: dict[float, dict[tuple[float, float], list[int]]] = {}
 
     def near(self, radius: float) -> Callable[[complex, float], int | None]:
@@ -179,12 +194,12 @@ class _Places:
         return nearest
 
 
-def _grown(places: _Places, seed: int, basis: Sequence[complex]) -> Cells:
-    """The lattice from a blob on, its steps following perspective and lens."""
+def _grown(places: _Places, seed: int, basis: Sequence[complex], like_size: float) -> Cells:
+    """Return the lattice from a blob on, its steps following perspective and lens."""
     cells: Cells = {(0, 0): seed}
     used, queue = {seed}, deque([(0, 0)])
     short = min(map(abs, basis))
-    blobs, nearest = places.all, places.near(_MISS * short)
+    blobs, sizes, nearest = places.all, places.sizes, places.near(_MISS * short)
     sides = [(1, 0), (0, 1), (-1, 0), (0, -1)]
     while queue:
         u, v = queue.popleft()
@@ -197,12 +212,17 @@ def _grown(places: _Places, seed: int, basis: Sequence[complex]) -> Cells:
             step = basis[k % 2] * (1.0 if k < 2 else -1.0)
             if (u - a, v - b) in cells:
                 step = here - blobs[cells[u - a, v - b]]
+                if (u - 2 * a, v - 2 * b) in cells:  # steps grow and shrink along a row
+                    before = blobs[cells[u - a, v - b]] - blobs[cells[u - 2 * a, v - 2 * b]]
+                    step += step - before
             else:
                 for c, d in ((b, a), (-b, -a)):
                     if (u + c, v + d) in cells and (u + a + c, v + b + d) in cells:
                         step = blobs[cells[u + a + c, v + b + d]] - blobs[cells[u + c, v + d]]
             found = nearest(here + step, _MISS * min(abs(step), short))
-            if found is not None and found not in used:
+            if found is None or found in used:
+                continue
+            if 1.0 / like_size < sizes[found] / sizes[cells[u, v]] < like_size:
                 cells[there] = found
                 used.add(found)
                 queue.append(there)

@@ -26,7 +26,12 @@ from calib.vision.boards.board import (
     dictionary_of,
 )
 from calib.vision.boards.board_map import BoardMap, fit_map
-from calib.vision.boards.circles import CircleLattices, circles_shown, find_circles
+from calib.vision.boards.circles import (
+    CircleLattices,
+    circles_shown,
+    find_circles,
+    lattices_for,
+)
 from calib.vision.boards.edges import Refined, refine
 from calib.vision.boards.finding import (
     Found,
@@ -138,7 +143,7 @@ def sight(
     elif isinstance(board, Chessboard):
         found = find_chessboard(picture, board, thoroughly=thoroughly)
     elif isinstance(board, CircleGrid):
-        found = find_circles(picture, board, lattices or CircleLattices(picture))
+        found = find_circles(picture, board, lattices or lattices_for(picture, board))
     elif isinstance(board, RoundTarget):
         targets = find_round_targets(picture, board)
         if len(targets) > 1:
@@ -326,7 +331,7 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     """
     check_type(board, Board, "board")
     check_picture(picture)
-    lattices = CircleLattices(picture)
+    lattices = lattices_for(picture, board)
     sighting = sight(picture, board, thoroughly=True, lattices=lattices)
     if sighting is None:
         sighting = _found_smaller(picture, board)

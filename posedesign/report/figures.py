@@ -219,10 +219,11 @@ def residuals_by_pose(
         panel.plot(at[outliers], last[outliers], "o", ms=11, mfc="none", mec="red", label="outlier")
     for k in np.flatnonzero(outliers)[:MOST_NAMED]:
         panel.annotate(
-            names[k],
+            shortened(names[k]),
             (float(at[k]), float(last[k])),
-            (8, 4),
+            (8, -2),  # the legend is above
             textcoords="offset points",
+            va="top",
             fontsize=8,
             color="red",
             parse_math=False,

@@ -170,7 +170,7 @@ class XarmPython(joints.DescribedDialect):
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The program; its functions stand in front of the steps."""
-        check = ("def check(code):", "    if code != 0:")
+        check = ("def check(code):", "    if code:  # the library raises no error")
         failed = '        sys.exit(f"the controller answers with code {code}")'
         shown = "arm.get_servo_angle(is_radian=False)"
         asked = python.measured(program, f"q={{{shown}}}")

@@ -7,11 +7,11 @@ def MEASURE(number):
     print(f"POSE {number} q={arm.get_servo_angle(is_radian=False)}")
 
 def check(code):
-    if code != 0:
+    if code:  # the library raises no error
         sys.exit(f"the controller answers with code {code}")
 
 # cell 7
-# PLAN abcdef12 2 1 a761cd08
+# PLAN abcdef12 2 1 0d9fe5fe
 # * NOT CHECKED: signs, zeros and couplings of the joints, which are those of the robot's description
 arm = XArmAPI(sys.argv[1])
 check(arm.motion_enable(enable=True))

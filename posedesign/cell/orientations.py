@@ -104,7 +104,7 @@ def poses_about_tool(
 _TRIAL_VARIATION = np.deg2rad([30.0, 30.0, 30.0])
 """Of the poses that a base posture is judged by."""
 
-_TRIALS = 27
+TRIALS = 27
 """Their number."""
 
 _ROLLS = (0.0, np.pi)
@@ -178,30 +178,89 @@ def suggest_base_posture(
     middle = (robot.lower + robot.upper) / 2.0 if near is None else near
     if robot.n < AXES_OF_A_POSE:
         R, targets = _where_it_reaches(robot, R, tool_m)
-    solutions = robot.inverse(poses_about_tool(robot, R, tool_m, targets, middle), near)
-    tried: list[tuple[tuple[float, float], FloatArray]] = []
-    for place in range(len(R)):
-        found = robot.of_shown(np.round(robot.shown(solutions.of(place))))
-        aside = np.abs(found - still)[:, :first].max(axis=1, initial=0.0)
-        found = found[aside < 1e-3]
-        rooms = [_room(robot, q) for q in found]
-        for k in np.argsort(rooms, kind="stable")[::-1][:_TRIED_PER_PLACE]:
-            tried.append(((round(rooms[k], 2), -float(np.abs(found[k]).sum())), found[k]))
-    best, most = None, -1
-    for _, q in sorted(tried, key=lambda each: each[0], reverse=True):
-        count = _trial_poses(robot, tool_m, q)
-        if count > most and suits(q):
-            best, most = q, count
-        if most == _TRIALS:  # all that follow have less room
-            break
-    if best is None:
-        raise UnreachableError(
-            f"{robot.name}: the tool cannot point {'ahead' if ahead else 'down'} in front of the "
-            "arm",
-            hint="give a base posture of your own in [base_pose]",
-            name="base_pose",
-        )
-    return best
+    for turned in (np.eye(3), _onto_last_axis(robot)):
+        poses = poses_about_tool(robot, R @ turned, tool_m, targets, middle)
+        solutions = robot.inverse(poses, near)
+        tried: list[tuple[tuple[bool, float, float], FloatArray]] = []
+        for place in range(len(R)):
+            found = robot.of_shown(np.round(robot.shown(solutions.of(place))))
+            aside = np.abs(found - still)[:, :first].max(axis=1, initial=0.0)
+            found = found[aside < 1e-3]
+            rooms = [_room(robot, q) for q in found]
+            for k in np.argsort(rooms, kind="stable")[::-1][:_TRIED_PER_PLACE]:
+                clear = (ahead or is_clear_below(robot, tool_m, found[k])) and (
+                    robot.floor > 0 or _is_ahead(robot, tool_m, found[k], front)
+                )
+                key = clear, round(rooms[k], 2), -float(np.abs(found[k]).sum())
+                tried.append((key, found[k]))
+        best, most = None, -1
+        for (clear, _, _), q in sorted(tried, key=lambda each: each[0], reverse=True):
+            if most >= TRIALS + (_WORTH if clear else 0):  # all that follow have less room
+                break
+            count = trial_poses(robot, tool_m, q) + (_WORTH if clear else 0)
+            if count > most and suits(q):
+                best, most = q, count
+        if best is not None:
+            return best
+    raise UnreachableError(
+        f"{robot.name}: the tool cannot point {'ahead' if ahead else 'down'} in front of the arm",
+        hint=f"is {robot.tip_frame} the mounting face? name another tip; or give a base posture of "
+        "your own in [base_pose]",
+        name="base_pose",
+    )
+
+
+_WORTH = 9
+"""Trial poses that a place is worth in front of the arm and with nothing of it below the target."""
+
+_CLEAR_OF_REACH = 0.12
+"""Distance of the arm's links from what carries a target, of the arm's reach."""
+
+_BELOW_OF_REACH = 0.03
+"""Height from which on that stands, below the target."""
+
+_POINTS_OF_LINK = np.linspace(0.0, 1.0, 21)[:, None]
+"""Points of each link that are looked at, from joint to joint."""
+
+
+def is_clear_below(robot: Robot, tool_m: FloatArray, q: FloatArray) -> bool:
+    """Return True if no link of an arm at a posture ``(n,)`` is next to a post under its target.
+
+    Links are taken for the lines between their joints.
+    """
+    state = robot.state(q)
+    up = (robot.T_base_floor(q) @ robot.T_floor_world)[:3, 2] if robot.floor else np.eye(3)[2]
+    corners = state.origins[robot.n_external :]
+    steps = np.diff(corners, axis=0)[:, None]
+    points = (corners[:-1, None] + steps * _POINTS_OF_LINK).reshape(-1, 3)
+    size = robot.chain.reach_m
+    away = points - (state.point(tool_m) - _BELOW_OF_REACH * size * up)
+    above = np.maximum(away @ up, 0.0)
+    across = np.linalg.norm(away - np.outer(away @ up, up), axis=1)
+    return bool(np.hypot(across, above).min(initial=np.inf) > _CLEAR_OF_REACH * size)
+
+
+def _is_ahead(robot: Robot, tool_m: FloatArray, q: FloatArray, front: FloatArray) -> bool:
+    """Return True if the tool point is within 60 deg of the front of an arm, seen from its foot."""
+    state = robot.state(q)
+    out = (state.point(tool_m) - state.origins[robot.n_external]) * [1.0, 1.0, 0.0]
+    return bool(out @ front >= 0.5 * np.linalg.norm(out))
+
+
+def _onto_last_axis(robot: Robot) -> FloatArray:
+    """Return the rotation ``(3, 3)`` of the tip that has the last joint's axis where its z was.
+
+    Descriptions may have the z of their last link across the axis that the flange turns about.
+    """
+    state = robot.state(np.zeros(robot.n))
+    axis = state.R_base_tip.T @ state.axes[-1]
+    out = state.R_base_tip.T @ (state.p_base_tip - state.origins[max(robot.n - 3, 0)])
+    axis = axis if axis @ out >= 0.0 else -axis
+    turn = np.cross(axis, [0.0, 0.0, 1.0])
+    sine = float(np.linalg.norm(turn))
+    if sine < 1e-6:
+        return np.eye(3)
+    return np.asarray(rotation_exp(turn / sine * np.arctan2(sine, axis[2])))
 
 
 _PLACES_OF_FEW_AXES = 24
@@ -251,7 +310,7 @@ def _above_plate(
     return W @ R, robot.chain.reach_m * points @ W.T
 
 
-def _trial_poses(robot: Robot, tool_m: FloatArray, q: FloatArray) -> int:
+def trial_poses(robot: Robot, tool_m: FloatArray, q: FloatArray) -> int:
     """How many poses of the trial grid around a posture can be taken."""
     state = robot.state(q)
     rotations = wpr_rotations(wpr_from_rotation(state.R_base_tip), _TRIAL_VARIATION)
@@ -268,12 +327,29 @@ def _room(robot: Robot, q: FloatArray) -> float:
 
 
 def _front(robot: Robot) -> FloatArray:
-    """Horizontal unit vector to where the arm reaches with its first joint in mid-range."""
-    q, first = (robot.lower + robot.upper) / 2.0, robot.n_external
-    q[first + 1 :] = np.clip(0.0, robot.lower, robot.upper)[first + 1 :]
+    """Horizontal unit vector to where the arm reaches with its first joint in mid-range.
+
+    Where it points at zero, if it is stretched out then; else where its other joints bring the tip
+    on average: an arm that stands upright at zero may lean back a little.
+    """
+    middle, first = (robot.lower + robot.upper) / 2.0, robot.n_external
+    q = np.tile(middle, (_DRAWN_FOR_FRONT, 1))
+    q[0, first + 1 :] = np.clip(0.0, robot.lower, robot.upper)[first + 1 :]
+    share = np.random.default_rng(0).random((_DRAWN_FOR_FRONT - 1, robot.n - first - 1))
+    q[1:, first + 1 :] = robot.lower[first + 1 :] + share * robot.joint_range[first + 1 :]
     state = robot.state(q)
     forward = state.p_base_tip * [1.0, 1.0, 0.0]
     if first:
-        forward -= state.origins[first] * [1.0, 1.0, 0.0]
-    length = np.linalg.norm(forward)
-    return forward / length if length > 0.05 * robot.chain.reach_m else np.array([1.0, 0.0, 0.0])
+        forward = forward - state.origins[:, first] * [1.0, 1.0, 0.0]
+    size = robot.chain.reach_m
+    at_zero, usual = forward[0], forward[1:].mean(axis=0)
+    for out, least in ((at_zero, _STRETCHED), (usual, 0.05), (at_zero, 0.05)):
+        length = float(np.linalg.norm(out))
+        if length > least * size:
+            return np.asarray(out / length)
+    return np.array([1.0, 0.0, 0.0])
+
+
+_DRAWN_FOR_FRONT = 201
+_STRETCHED = 0.3
+"""Of the reach: an arm whose tip is farther from its foot at zero points to its front."""

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.errors import InputError, RobotModelError
+from calib.errors import InputError, RobotModelError, UnreachableError
 from calib.robots import Robot, find_preset, preset_info
 from calib.robots.arm_shapes import makers_like, presets_like, unshaped_links
 from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.se3 import FloatArray
 from posedesign.cell.cell import usual_offset_joints
 from posedesign.cell.models import usual_offsets
-from posedesign.cell.orientations import suggest_base_posture, suggest_tool
+from posedesign.cell.orientations import suggest_base_posture, suggest_tool, trial_poses
 from posedesign.cell.schema import Mount
 
 REFERENCE = "r2000ic165f"
@@ -680,8 +680,12 @@ def _gun_and_camera(
 
 _SUGGESTED = "# Suggested: {}, room to turn it. Take your own taught posture.\n"
 
-_BOARD_OF_SCALE, _SMALLEST_SQUARE_MM = 40.0, 10.0
-"""Squares of the board of an arm of the size of the reference cell's [mm]."""
+_BOARD_OF_SCALE, _SQUARES_OF_SMALL_MM = 40.0, (22.0, 15.0, 10.0)
+"""Squares of the board of an arm of the size of the reference cell's, and the smallest ones [mm]:
+30 cm from the camera, where usual lenses are sharp, or nearer where an arm has no room there."""
+
+_ENOUGH_TRIALS = 24
+"""Poses of the trial grid that make a place good enough."""
 
 _AWAY = 13.5
 """Distance of camera and board at the base pose, in squares: eight of them fill two thirds of the
@@ -692,8 +696,6 @@ _FOCAL_PX, _CLEAR_OF_WRIST_MM = 1400.0, 80.0
 
 def _camera_cell(robot: Robot, mount: Mount, **lines: Any) -> str:
     """A cell with a camera and a board of the size of an arm, its base pose clear of all."""
-    square = max(_round(_scale(robot) * _BOARD_OF_SCALE, 0), _SMALLEST_SQUARE_MM)
-    away, carried = _AWAY * square, max(4.0 * square, _CLEAR_OF_WRIST_MM)
     fixed = mount == "fixed"
     if fixed and robot.floor:
         raise InputError(
@@ -702,6 +704,26 @@ def _camera_cell(robot: Robot, mount: Mount, **lines: Any) -> str:
             hint="name a link on the floor as base, or put the camera on the flange",
             name="camera",
         )
+    scaled = _round(_scale(robot) * _BOARD_OF_SCALE, 0)
+    squares = sorted({max(scaled, least) for least in _SQUARES_OF_SMALL_MM}, reverse=True)
+    best, most = "", -1
+    for square in squares:
+        try:
+            text, count = _camera_cell_of(robot, fixed, square, **lines)
+        except UnreachableError:
+            if square == squares[-1] and not best:
+                raise
+            continue
+        if count > most:
+            best, most = text, count
+        if most >= _ENOUGH_TRIALS:
+            break
+    return best
+
+
+def _camera_cell_of(robot: Robot, fixed: bool, square: float, **lines: Any) -> tuple[str, int]:
+    """The same with a board of these squares [mm], and how many trial poses can be taken there."""
+    away, carried = _AWAY * square, max(4.0 * square, _CLEAR_OF_WRIST_MM)
     point = [0.0, 0.0, carried] if fixed else [square, 0.0, carried + away]
 
     from posedesign.cell.cell import Cell
@@ -717,7 +739,9 @@ def _camera_cell(robot: Robot, mount: Mount, **lines: Any) -> str:
         except RobotModelError:  # links without a shape: to be decided on before
             return True
 
-    return text(suggest_base_posture(robot, np.array(point) / 1e3, ahead=fixed, suits=is_clear))
+    tool = np.array(point) / 1e3
+    q = suggest_base_posture(robot, tool, ahead=fixed, suits=is_clear)
+    return text(q), trial_poses(robot, tool, q)
 
 
 def _camera_and_board(

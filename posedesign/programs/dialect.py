@@ -86,7 +86,7 @@ class Dialect:
         """
         with shared_statements():
             program = self.read_data(data, path)
-            told = self.judge_data(data, path) if self.controlled else []
+            told = self.errors_in(data, path) if self.controlled else []
             wrong = next((problem for problem in told if problem.level == "error"), None)
         if wrong is not None:
             program.whole()
@@ -147,6 +147,10 @@ class Dialect:
     def judge_data(self, data: bytes, path: Path) -> list[Problem]:
         """The rules that a file breaks, whether or not it can be read; see `check`."""
         return type(self).rules(data, path)
+
+    def errors_in(self, data: bytes, path: Path) -> list[Problem]:
+        """Problems of a file that is read: errors count, and others can be left out."""
+        return self.judge_data(data, path)
 
     def notation_of(self, text: str) -> Notation:
         """How the numbers of positions are written in this file."""

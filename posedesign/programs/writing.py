@@ -25,14 +25,19 @@ LONGEST_WARNING = 300
 LIST_LENGTH = 90  # characters of a line of what the head of a list of joint values warns of
 
 
+_PRINTABLE = re.compile(r"[ -~]*")
+
+
 def plain(value: float, decimals: int) -> str:
     """A number with so many decimals: no exponent, and no sign before a zero."""
-    return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
+    return plain_all(value, decimals)[0]
 
 
 def plain_all(values: ArrayLike, decimals: int) -> list[str]:
     """Numbers with so many decimals each."""
-    return [plain(value, decimals) for value in np.ravel(np.asarray(values, dtype=float))]
+    form = f"%.{decimals}f"
+    texts = [form % value for value in np.ravel(np.asarray(values, dtype=float)).tolist()]
+    return [t[1:] if t.startswith("-0") and float(t) == 0 else t for t in texts]
 
 
 def rounded_deg(angles: ArrayLike, decimals: int) -> FloatArray:
@@ -98,7 +103,7 @@ def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
     ``what``: for messages: "comment", "comment of pose 'P01'". ``text``: an empty one is legal.
     ``length``: most characters. ``forbidden``: characters that the language gives a meaning.
     """
-    if len(text) <= length and re.fullmatch(r"[ -~]*", text) and not set(text) & set(forbidden):
+    if len(text) <= length and _PRINTABLE.fullmatch(text) and not set(text) & set(forbidden):
         return
     without = f", without {' '.join(forbidden)}" if forbidden else ""
     raise InputError(
@@ -190,7 +195,7 @@ class Limits:
 
     def fits(self, name: str, length: int | None = None) -> bool:
         """Whether a name of a pose can stand in a comment."""
-        legal = re.fullmatch(r"[ -~]*", name) and not set(name) & set(self.forbidden)
+        legal = _PRINTABLE.fullmatch(name) and not set(name) & set(self.forbidden)
         return bool(legal) and len(name) <= (length or self.remark)
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from posedesign.programs.kuka_krl.rules import check_kuka_krl
 from posedesign.programs.kuka_krl.syntax import AXES, EXTERNAL, MOST_BASE, MOST_TOOL, POSE
 from posedesign.programs.notation import ABC, Notation, Texts, texts_of
 from posedesign.programs.program import PoseProgram
+from posedesign.programs.recorded import Problem
 from posedesign.programs.writing import Limits, NameRule, Phrases
 
 _RESERVED = """
@@ -187,3 +189,8 @@ class KukaKrl(Dialect):
     writer = render_kuka_krl
     reader = parse_kuka_krl
     rules = check_kuka_krl
+
+    def errors_in(self, data: bytes, path: Path) -> list[Problem]:
+        found = check_kuka_krl(data, path, alone=True)
+        # a word that is wrong here may be declared in the other file
+        return self.judge_data(data, path) if any(p.rule == "word" for p in found) else found

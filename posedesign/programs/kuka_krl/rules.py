@@ -165,10 +165,13 @@ _CONTROL: rules.Asked = ("ascii", *rules.CONTROL[1:])
 _NOT_ASCII: rules.Asked = ("ascii", *rules.FOREIGN[1:3], "measuring")
 
 
-def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
-    """Problems in the content of a file; never fails."""
+def check_kuka_krl(data: bytes, path: Path, *, alone: bool = False) -> list[Problem]:
+    """Problems in the content of a file; never fails.
+
+    ``alone``: a ``.dat`` is judged without the ``.src``, of which nothing in it can be an error.
+    """
     module = _Module(data)
-    other, missing = _companion(path, module)
+    other, missing = (None, []) if alone and module.is_data else _companion(path, module)
     dat, src = (module, other) if module.is_data else (other, module)
     blocks = list(block_faults(module.statements, _BLOCKS))
     return rules.told(

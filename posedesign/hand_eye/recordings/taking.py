@@ -293,7 +293,7 @@ def _of_moving_arm(
         )
     begin, end = seconds[near].min(), seconds[near].max()
     every = max(_MOVING_EVERY_S, (end - begin) / MOST_MOVING)
-    part = np.floor((seconds - begin) / every).astype(int)
+    part = np.minimum(np.floor((seconds - begin) / every), MOST_MOVING - 1).astype(int)
     sharpness = np.where(near, seen.sharpness, -1.0)
     found = []
     for k in np.unique(part[near]).tolist():

@@ -37,7 +37,7 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.joint_programs import PLAIN
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.reading import no_positions, refuse
+from posedesign.programs.reading import MOST_LINES, no_positions, refuse
 from posedesign.programs.recorded import Problem, RecordedProgram
 from posedesign.programs.rules import CONTROL, check_bytes, measuring, near, told
 from posedesign.programs.ur_script import UrScript
@@ -122,6 +122,8 @@ class _Flattened:
         self.name, self.root, self.count, self.fault = "", "", 0, ""
         self._features: dict[tuple[str, ...], str] = {}
         try:
+            if data.count(b"\n") > MOST_LINES:
+                raise _FaultError(f"more than {MOST_LINES} lines")
             self.parser.feed(data)
             self.parser.close()
         except DefusedXmlException:

@@ -622,6 +622,7 @@ def test_a_program_of_each_maker_from_its_files(name, tmp_path):
     done = correct_program(cell, identification, path, tmp_path / "out")
     assert done.ok
     assert done.files == (tmp_path / "out" / path.name,)
+    assert (done.files[0].read_bytes()[:2] == b"\x1f\x8b") == (name == "ur-urp")
     assert any("calibration of the factory" in note for note in done.notes) == (dialect.maker == "ur")
     assert read_program_bytes(path) == before
     # the zeros of four joints are off by a tenth of a degree: the command is less by that

@@ -10,7 +10,7 @@ import pytest
 
 from calib.errors import CalibError, FileFormatError
 from posedesign.programs import read, validate
-from posedesign.programs.reading import MOST_BYTES, read_program_bytes
+from posedesign.programs.reading import MOST_BYTES, MOST_LINES, read_program_bytes
 from posedesign.programs.sets import set_mark
 from tests.unit.programs.dialects import changed, dialect_of, export, program_of, shown
 
@@ -117,6 +117,8 @@ def test_a_packed_file_with_something_behind_is_refused(tmp_path: Path) -> None:
         read(path)
 
 
-def test_a_deep_tree_ends() -> None:
+def test_a_deep_or_a_long_tree_ends() -> None:
+    with pytest.raises(CalibError, match="more than 1000000 lines"):
+        parse(TEXT.replace("<children>", "<children>" + "\n" * MOST_LINES, 1))
     with pytest.raises(CalibError, match="too many nodes, or too deep"):
         parse("<a>" * 5000)

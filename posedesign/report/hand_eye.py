@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.files import plain
+from posedesign.files import LEAST_POSITIVE, plain
 from posedesign.hand_eye.calibration import (
     OFF_AXES,
     lens_as_dict,
@@ -235,8 +235,8 @@ class LensShown(BaseModel):
 
     width_px: int
     height_px: int
-    fx: float
-    fy: float
+    fx: Annotated[float, Field(ge=LEAST_POSITIVE)]
+    fy: Annotated[float, Field(ge=LEAST_POSITIVE)]
     cx: float
     cy: float
 
@@ -252,6 +252,9 @@ class ArmErrorsShown(BaseModel):
 
     rms_mm: dict[str, float]
     corrected: CorrectedShown
+
+
+_PARENTS = ("T_flange_", "T_base_")
 
 
 class CameraFile(BaseModel):
@@ -277,7 +280,7 @@ class CameraFile(BaseModel):
     def frames(self) -> dict[str, Frame]:
         """Transforms by name."""
         more = self.model_extra or {}
-        return {k: Frame.model_validate(more[k]) for k in more if k.startswith("T_")}
+        return {k: Frame.model_validate(more[k]) for k in more if k.startswith(_PARENTS)}
 
 
 def shown_camera(calibrated: Calibrated) -> CameraFile:

@@ -139,10 +139,15 @@ def test_a_camera_is_calibrated(there, glance):
         "img12.png",
     ):
         assert said in page
-    (there / "camera.json").write_text('{"ok": true}')
-    said = glance("report", ".", "--overwrite")
-    assert said.code == 2
-    assert "camera.json: is no file that the command camera wrote" in said.err
+    other = found | {"lens": found["lens"] | {"fx": 0.0}}
+    for content in ({"ok": True}, other):
+        (there / "camera.json").write_text(json.dumps(content))
+        said = glance("report", ".", "--overwrite")
+        assert said.code == 2
+        assert "camera.json: is no file that the command camera wrote" in said.err
+    # frames of names that the command does not write are passed over
+    (there / "camera.json").write_text(json.dumps(found | {"T_x": found["T_base_board"]}))
+    assert glance("report", ".", "--overwrite").code == 0
 
 
 def test_a_target_of_kalibr_takes_the_place_of_the_board(there, glance):

@@ -52,6 +52,7 @@ _ELEMENT = re.compile(r"JMEASURED\{(\d{1,6})\}", _FLAGS)
 _UNCONNECTED = re.compile(r"[19]\.?0*E\+?(0*9|10)", re.IGNORECASE)  # 9E9, or as people write it
 _MATTERS = re.compile(r"jointtarget|robtarget|tooldata|wobjdata|move|pdisp|\[", _FLAGS)
 _WORD = re.compile(r"[a-z]\w*", _FLAGS)
+_BRANCHES = ("if", "for", "while", "test", "goto", "compact_if", "label", "fault")
 _MOST_NAME = 99
 _WHAT = "name a RAPID module saved as text: .mod or .modx"
 _MOTION = re.compile(
@@ -175,7 +176,9 @@ class _Reader:
     frames: dict[str, Data] = field(default_factory=dict)
     motions: list[tuple[str, str, str, int]] = field(default_factory=list)
     changes: list[tuple[str, bool, int]] = field(default_factory=list)
-    displaced: int | None = None
+    switches: list[tuple[int, bool]] = field(default_factory=list)
+    """Lines where a program displacement is switched, and whether on."""
+    straight: list[range] = field(default_factory=list)  # lines of routines without any branch
     parts: dict[str, Nested | str] = field(default_factory=dict)
     targets: set[str] = field(default_factory=set)  # variables that joint motions go to
     unread: list[FileFormatError] = field(default_factory=list)
@@ -198,11 +201,18 @@ class _Reader:
                     self._refuse_lost(value, data.row, f"{data.storage} {data.kind} {label}")
                 if data.kind in FRAMES and data.value and not data.size:
                     self.frames[data.name.upper()] = data
+        begin = 0  # of a routine without any branch up to here
         for statement in statements:
             if statement.kind in ("call", "compact_if", "assignment"):
                 self._take_instruction(statement)
             elif statement.fault:
                 self._take_fault(statement)
+            if statement.kind in module.ROUTINES:
+                begin = statement.row
+            elif statement.kind in _BRANCHES:
+                begin = 0
+            elif statement.kind == "endproc" and begin:
+                self.straight.append(range(begin, statement.row))
 
     def _take_positions(self, data: Data) -> None:
         name, row, values = data.name, data.row, data.nested
@@ -240,8 +250,8 @@ class _Reader:
             self.changes.append((module.name_of(variable), in_part, row))
         motion = False
         for word, given in module.calls(statement):
-            if word in ("PDISPON", "PDISPSET"):
-                self.displaced = self.displaced or row
+            if word in ("PDISPON", "PDISPSET", "PDISPOFF"):
+                self.switches.append((row, word != "PDISPOFF"))
             values = [(value, switches) for value, switches in given if value is not None]
             if word == "MOVEC" and len(values) > 4:  # through one position to the next
                 for value, _ in values[:2]:
@@ -302,9 +312,6 @@ class _Reader:
         self._leave_changed()
         posed = [p for p in self.positions if p.kind == "robtarget"]
         poses = {p.key or p.variable.upper(): p for p in posed}
-        if poses and self.displaced is not None:
-            hint = "measure without a program displacement"
-            refuse("displaced positions (PDispOn) cannot be read", self.path, self.displaced, hint)
         values: dict[str, FloatArray | None] = {"TOOL0": np.eye(4), "WOBJ0": np.eye(4)}
         values |= {name: None for name, _, _ in self.changes}
         used: dict[str, tuple[str, str]] = {}
@@ -312,16 +319,34 @@ class _Reader:
             position = poses.get(target)
             if position is None:
                 continue
-            if used.setdefault(target, (tool, work_object)) != (tool, work_object):
+            if self._may_be_displaced(row):
+                reason = f"{position.label} may be displaced (PDispOn)"
+                hint = "measure without a program displacement"
+                position.fault = FileFormatError(reason, path=self.path, row=row, hint=hint)
+            elif used.setdefault(target, (tool, work_object)) != (tool, work_object):
                 reason = f"{position.label} is used in other frames than before"
                 hint = "use each position with one tool and one work object"
                 position.fault = FileFormatError(reason, path=self.path, row=row, hint=hint)
+            if position.fault is not None:
                 position.T_tip_tool = position.T_world_user = None
             for name, kind in zip((tool, work_object), FRAMES, strict=True):
                 if name not in values:
                     values[name] = self._frame(name, kind)
             if position.fault is None:
                 position.T_tip_tool, position.T_world_user = values[tool], values[work_object]
+
+    def _may_be_displaced(self, row: int) -> bool:
+        """Whether a program displacement may be on at a line.
+
+        It is not in the one routine that switches it, which has no branches, before it is on or
+        behind it is off; at its end it is off.
+        """
+        if not any(on for _, on in self.switches):
+            return False
+        rows = [at for at, _ in self.switches]
+        inside = any({row, *rows} <= {*own} for own in self.straight)
+        before = [on for at, on in self.switches if at < row]
+        return not inside or self.switches[-1][1] or before[-1:] == [True]
 
     def _leave_changed(self) -> None:
         """Leave out positions that the program moves to, and gives values that are not known."""

@@ -184,11 +184,20 @@ def test_frames_are_known_as_far_as_the_module_says(motion: str, tool: bool, bas
         ("p1.trans.x:=20;", 10, "p1 is changed by the program"),
         ("IF a THEN\np1 . rot := q;\nENDIF", 11, "p1 is changed by the program"),
         ("x:=3;\njp2.robax.rax_1:=20;", 11, "jp2 is changed by the program"),
-        ("x:=3;\nPDispOn p1,tool0;", 11, "PDispOn"),
+        ("x:=3;\nPDispOn p1,tool0;\nMoveJ p1,v1,fine,tA;", 12, "p1 may be displaced"),
+        ("MoveJ p1,v1,fine,tA;\nPDispOn p1,tool0;", 10, "p1 may be displaced"),
+        ("PDispOn p1,tool0;\nIF a PDispOff;\nMoveJ p1,v1,fine,tA;\nPDispOff;", 12, "displaced"),
     ],
 )
 def test_what_moves_a_pose_in_silence_is_refused(code: str, line: int, message: str) -> None:
     refused("abb-rapid", "X.mod", FRAMED.replace("    # 1", code), line, message)
+
+
+def test_what_is_moved_to_without_a_displacement_is_read() -> None:
+    code = "MoveJ p1,v1,fine,tA;\nPDispOn p1,tool0;\nMoveJ p9,v1,fine,tA;\nPDispOff;\n"
+    for motions in (code, code + "MoveL p1,v1,fine,tA;"):
+        pose, _ = framed(motions).whole().positions
+        assert pose.T_tip_tool is not None
 
 
 def test_parts_that_have_a_name_are_read() -> None:

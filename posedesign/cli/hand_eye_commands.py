@@ -452,11 +452,14 @@ def camera(
     from posedesign.hand_eye.board_files import board_said, cell_of
     from posedesign.hand_eye.calibration import board_of, result_as_dict
     from posedesign.hand_eye.pictures import cameras_in, read_picture_set
+    from posedesign.hand_eye.recordings.bags import is_bag
     from posedesign.report.hand_eye import answer_of_camera
     from posedesign.workflow import calibrate_from_pictures
 
     if bag is None and pictures is None:
         cell, pictures = None, cell  # the one that is given is of pictures
+    if bag is None and pictures is not None and is_bag(pictures):
+        bag, pictures = pictures, None
     loaded = cell_of(target) if cell is None else Cell.load(cell)
     board = board_said(target) if target else board_of(loaded)  # said before all else
     robot = None if cell is None else loaded.robot

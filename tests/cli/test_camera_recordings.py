@@ -106,7 +106,7 @@ def check_same(first: Path, second: Path) -> None:
 
 
 def test_a_bag_gives_what_the_folder_of_its_stills_gives(there, done):
-    said = done("camera", "cell.toml", "--bag", "mcap", "--out", "run")
+    said = done("camera", "cell.toml", "mcap", "--out", "run")
     assert said.out.startswith(f"calibrated: camera and board from {STOPS} of {STOPS} pictures")
     assert said.err.splitlines() == [
         "note: 9 stills of 94 pictures of /cam/image_raw are in run/pictures"

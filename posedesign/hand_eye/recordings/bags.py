@@ -249,6 +249,16 @@ class Bag:
         )
 
 
+def is_bag(path: Path) -> bool:
+    """Return True if a path has the ending of a bag, or is a folder that holds one."""
+    if not path.is_dir():
+        return path.suffix.casefold() in ENDINGS
+    try:
+        return any(entry.suffix.casefold() in ENDINGS for entry in path.iterdir())
+    except OSError:
+        return False  # who reads pictures says why
+
+
 def _storage_of(path: Path) -> tuple[tuple[Path, ...], bool]:
     """Files of a bag in order, and whether each message in them is compressed."""
     if not path.exists():
@@ -277,7 +287,14 @@ def _storage_in(folder: Path) -> tuple[tuple[Path, ...], bool]:
     said = info if isinstance(info, dict) else {}
     mode = str(said.get("compression_mode", "")).casefold()
     listed = said.get("relative_file_paths")
-    names = listed if isinstance(listed, list) else [entry.name for entry in folder.iterdir()]
+    try:
+        names = listed if isinstance(listed, list) else [entry.name for entry in folder.iterdir()]
+    except OSError as error:
+        raise FileFormatError(
+            f"cannot be listed: {error.strerror or error}",
+            path=folder,
+            hint="check that the folder can be read",
+        ) from error
     # a name in it may lead anywhere: only its last part counts
     files = [folder / PurePath(str(name).replace("\\", "/")).name for name in names]
     files = [file for file in files if listed is not None or file.suffix.casefold() in ENDINGS]

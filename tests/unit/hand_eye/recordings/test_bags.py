@@ -64,6 +64,23 @@ def test_a_bag_is_a_folder_or_its_file_with_and_without_metadata(tmp_path, stora
     assert read_joints(folder) == want
 
 
+def test_a_bag_that_was_split_is_read_file_after_file(tmp_path, storage):
+    rows = [one for one in messages(6) if one[0] == "/joints"]
+    whole = r.write_bag(tmp_path / "bag", storage, rows[:3])
+    second = r.write_bag(tmp_path / "second", storage, rows[3:])
+    ending = {"mcap": ".mcap", "sqlite3": ".db3"}[storage]
+    (whole / f"bag{ending}").rename(whole / f"bag_9{ending}")
+    shutil.copy(second / f"second{ending}", whole / f"bag_10{ending}")
+    (whole / "metadata.yaml").unlink()
+    assert [values[0] for values in read_joints(whole)] == [0, 1, 2, 3, 4, 5]
+    about = f"""rosbag2_bagfile_information:
+  relative_file_paths: [bag_9{ending}, bag_10{ending}]
+  compression_mode: ''
+"""
+    (whole / "metadata.yaml").write_text(about)
+    assert [values[0] for values in read_joints(whole)] == [0, 1, 2, 3, 4, 5]
+
+
 @pytest.mark.parametrize(("kind", "mode"), [("sqlite3", "MESSAGE"), ("mcap", "STORAGE")])
 def test_compressed_messages_and_chunks_are_read(tmp_path, kind, mode):
     plain = r.write_bag(tmp_path / "plain", kind, messages())

@@ -306,7 +306,9 @@ def test_logs_are_no_programs():
     dialect = dialect_of("ur-script")
     program = dialect.read(path)
     with pytest.raises(InputError, match="the log of a run is no program"):
-        rewritten(dialect, read_program_bytes(path), path, program, [Change()] * len(program.positions))
+        rewritten(
+            dialect, read_program_bytes(path), path, program, [Change()] * len(program.positions)
+        )
 
 
 def one(name: str, posture_deg: list[float], folder: Path, form: str = "cartesian") -> Path:
@@ -469,7 +471,9 @@ def test_a_frame_by_value_stays_its_own(tmp_path):
     (path,) = files_of("abb-rapid", clear_postures(robot_of("abb-rapid"), 4), "cartesian", tmp_path)
     dialect = dialect_of("abb-rapid")
     elsewhere = replace(arm_of("abb-rapid"), T_world_user=TOOL, T_tip_tool=USER)
-    there = correct_positions(dialect, read_program_bytes(path), path, elsewhere, model, x, tool_m=TOOL_M)
+    there = correct_positions(
+        dialect, read_program_bytes(path), path, elsewhere, model, x, tool_m=TOOL_M
+    )
     assert there.data == corrected(path, "abb-rapid", model, x).data
 
 
@@ -623,7 +627,9 @@ def test_a_program_of_each_maker_from_its_files(name, tmp_path):
     assert done.ok
     assert done.files == (tmp_path / "out" / path.name,)
     assert (done.files[0].read_bytes()[:2] == b"\x1f\x8b") == (name == "ur-urp")
-    assert any("calibration of the factory" in note for note in done.notes) == (dialect.maker == "ur")
+    assert any("calibration of the factory" in note for note in done.notes) == (
+        dialect.maker == "ur"
+    )
     assert read_program_bytes(path) == before
     # the zeros of four joints are off by a tenth of a degree: the command is less by that
     arm = dialect.seen(pose_arm_of(cell))

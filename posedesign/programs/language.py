@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib.resources import files
 from itertools import accumulate
+from operator import itemgetter
 from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput
@@ -105,17 +106,18 @@ class Shape:
         tree: Tree[Token],
         spans: list[tuple[int, int]],
         pattern: str = "",
-        slots: Sequence[Sequence[int]] = ((), (), ()),
+        numbers: Sequence[int] = (),
+        named: Sequence[int] = (),
     ) -> None:
         self.tree, self.spans = tree, spans
-        self.numbers, self.named, self.quoted = slots
-        """numbers, named, quoted: slots that are numbers, ends of names, texts in quotes."""
+        self.numbers, self.named = numbers, named
+        """numbers, named: slots that are numbers, and ends of names."""
         self.kind = str(tree.data)
         self.behind: list[Shape] = []  # of statements that stood behind such ones, the last first
         self.notes: dict[Any, Any] = {}  # what is the same of all, by what asks for it
         self._pattern: str | re.Pattern[str] = pattern
         self._parts: dict[Find, list[tuple[Node, Build | None]]] = {}
-        self._texts: dict[Find, list[Template | str | int]] = {}
+        self._texts: dict[Find, Callable[[Sequence[str]], list[str]]] = {}
         self._build: Build | None = None
 
     def slots_of(self, text: str) -> Sequence[str] | None:
@@ -145,14 +147,11 @@ class Shape:
 
     def texts(self, find: Find, slots: Sequence[str]) -> list[str]:
         """Texts of the nodes that a function finds in the tree."""
-        known = self._texts.get(find)
-        if known is None:
+        told = self._texts.get(find)
+        if told is None:
             found = [_template(node, self.spans) for node in find(self.tree)]
-            known = self._texts[find] = [_simple(parts) for parts in found]
-        return [
-            slots[t] if t.__class__ is int else t if t.__class__ is str else _filled(t, slots)  # type: ignore[arg-type]
-            for t in known
-        ]
+            told = self._texts[find] = _texts_by([_simple(parts) for parts in found])
+        return told(slots)
 
 
 class Statement:
@@ -473,18 +472,18 @@ class Language:
             spans = [*zip(ends[:-1:2], ends[1::2], strict=True)]
             if len(self._shapes) >= _MOST_SHAPES:
                 self._shapes.clear()
-            shape = Shape(_named_plainly(tree), spans, pattern, _kinds_of_slots(pieces))
+            shape = Shape(_named_plainly(tree), spans, pattern, *_kinds_of_slots(pieces))
             self._shapes[key] = shape
         return shape, slots
 
 
-def _kinds_of_slots(pieces: Sequence[str]) -> list[list[int]]:
-    """Slots that are numbers, ends of names, texts in quotes."""
-    found: list[list[int]] = [[], [], []]
+def _kinds_of_slots(pieces: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Slots that are numbers, and ends of names."""
+    numbers, named = list[int](), list[int]()
     for k, (before, slot) in enumerate(zip(pieces[::2], pieces[1::2], strict=False)):
-        behind = before[-1:].isalpha() or before[-1:] == "_"
-        found[2 if slot[0] == '"' else int(behind)].append(k)
-    return found
+        if slot[0] != '"':
+            (named if before[-1:].isalpha() or before[-1:] == "_" else numbers).append(k)
+    return numbers, named
 
 
 def _form(found: re.Match[str]) -> str:
@@ -649,6 +648,20 @@ def _simple(template: Template) -> Template | str | int:
     if not any(isinstance(part, int) for part in told):
         return "".join(map(str, told))
     return told[0] if len(told) == 1 else told
+
+
+def _texts_by(templates: list[Template | str | int]) -> Callable[[Sequence[str]], list[str]]:
+    """A function that makes texts of slots."""
+    if len(templates) > 1 and all(isinstance(template, int) for template in templates):
+        get = itemgetter(*templates)
+        return lambda slots: [*get(slots)]
+    fixed = [template for template in templates if isinstance(template, str)]
+    if len(fixed) == len(templates):
+        return lambda slots: fixed.copy()
+    return lambda slots: [
+        slots[t] if isinstance(t, int) else t if isinstance(t, str) else _filled(t, slots)
+        for t in templates
+    ]
 
 
 def _filled(template: Template, slots: Sequence[str]) -> str:

@@ -7,7 +7,8 @@ in ``jMeasured``, those stand in the place of the planned ones, and poses not ye
 out as soon as one is measured. Poses have the frames of the motion to them, where the module
 declares those with their values.
 
-Both positions of a circle are read. What would be read wrong in silence is refused with its line: a
+Both positions of a circle are read. A pose is unread where a program displacement (PDispOn) may be
+on as the arm goes there. What would be read wrong in silence is refused with its line: a
 position without a value, an external axis that moves, a pose in two frames, one that the program
 changes, or of a part that the arm holds. A statement that
 the grammar does not know is passed over only where it has nothing to do with any of that.

@@ -171,7 +171,7 @@ def _walked(tree: ast.Module, text: str) -> Iterator[_Step]:
             shape = shapes.get(key)
             if shape is None:
                 numbers = [*range(len(slots))]
-                shape = shapes[key] = Shape(language.NOTHING, [], slots=(numbers, (), ()))
+                shape = shapes[key] = Shape(language.NOTHING, [], numbers=numbers)
             last = node.end_lineno or 0
             yield _Step(node, inside, Statement(node.lineno, own, shape, slots))
         waiting += [(block, True) for block in reversed(blocks)]

@@ -235,3 +235,16 @@ def test_the_encoding_of_a_modx_is_utf8() -> None:
         "encoding",
         text[: text.index("\u00e4")].count("\n") + 1,
     )
+
+
+def test_what_stands_before_a_module_is_told_with_its_line() -> None:
+    assert [(p.line, p.rule) for p in check("! x\n\nPROC f()\nENDPROC\n")][0] == (3, "module")
+    assert [(p.line, p.rule) for p in check("")] == [(1, "module")]
+
+
+@pytest.mark.parametrize(("name", "meant"), [("vwxya", True), ("abce", False)])
+def test_short_names_are_near_to_no_other(name: str, meant: bool) -> None:
+    declared = "  VAR num vwxyz;\n  VAR num abcd;\n  PROC CAL_run()"
+    text = changed(JOINT, "  PROC CAL_run()", declared)
+    found = check(changed(text, "MEASURE 1;", f"MEASURE {name};"))
+    assert [p.rule for p in found] == ["name"] * meant

@@ -238,7 +238,8 @@ def test_the_encoding_of_a_modx_is_utf8() -> None:
 
 
 def test_what_stands_before_a_module_is_told_with_its_line() -> None:
-    assert [(p.line, p.rule) for p in check("! x\n\nPROC f()\nENDPROC\n")][0] == (3, "module")
+    first, *_ = check("! x\n\nPROC f()\nENDPROC\n")
+    assert (first.line, first.rule) == (3, "module")
     assert [(p.line, p.rule) for p in check("")] == [(1, "module")]
 
 

@@ -143,6 +143,82 @@ class InformationState:
         return A
 
 
+GROWN = 1e-3
+"""Part of what is known of a pose's rows that is known without it. Below, what was kept up to date
+has lost six digits: it is computed anew, and once more with the next pose that is taken in."""
+
+
+class ErrorState(InformationState):
+    """A choice of which a mean square error ``tr(W C)`` is known with each candidate besides.
+
+    A candidate changes it by ``tr((1 ± J C Jᵀ)⁻¹ J C W C Jᵀ)``. Both matrices are kept up to date
+    by thin products, in place of a product with all of C for each choice that is looked at.
+
+    ``W`` (p, p): of scaled parameters. ``H`` (m, m, N): ``J C W C Jᵀ``, candidate last.
+    """
+
+    def __init__(self, candidates: Candidates, rows: IntArray, count: int, W: FloatArray) -> None:
+        self._W, self._has_grown = W, False
+        super().__init__(candidates, rows, count)
+
+    @property
+    def snapshot(self) -> tuple[object, ...]:
+        """All that changes, to go back to."""
+        return self.M, self.C, self.S.copy(), self.chosen.copy(), self.H.copy(), self._has_grown
+
+    @snapshot.setter
+    def snapshot(self, before: tuple[Any, ...]) -> None:
+        self.M, self.C, self.S, self.chosen, self.H, self._has_grown = before
+
+    def take(self, row: int) -> None:
+        super().take(row)
+        if self._has_grown:
+            self.refresh()
+
+    def drop(self, row: int) -> None:
+        left = np.eye(len(self.S)) - self.S[:, :, row]
+        super().drop(row)
+        if np.linalg.eigvalsh(left)[0] < GROWN:
+            self.refresh()
+            self._has_grown = True
+
+    def _find_leverages(self) -> None:
+        super()._find_leverages()
+        self._has_grown = False
+        J, D = self.candidates.J, self.C @ self._W @ self.C
+        self.H = np.empty_like(self.S)
+        for part in self.candidates.chunks(2 * self.candidates.m * self.candidates.p):
+            self.H[:, :, part] = np.einsum("nap,nbp->abn", J[part] @ D, J[part])
+
+    def _follow(self, U: FloatArray, sign: float) -> None:
+        WU, m = self._W @ U, U.shape[1]
+        both = np.vstack([U.T, (self.C @ WU + 0.5 * sign * U @ (U.T @ WU)).T])
+        for part in self.candidates.chunks(4 * self.candidates.m**2):
+            moved = both @ self.candidates.by_row[:, :, part]  # (m, 2 m, chunk)
+            one, other = moved[:, :m], moved[:, m:]
+            self.S[:, :, part] -= sign * np.einsum("akn,bkn->abn", one, one)
+            change = np.einsum("akn,bkn->abn", one, other)
+            self.H[:, :, part] -= sign * (change + change.swapaxes(0, 1))
+
+    def error_changes(self, part: slice | IntArray, sign: float) -> FloatArray:
+        """What each of some candidates ``(n,)`` takes off the error, or adds; NaN where it cannot.
+
+        Taken in (``sign`` +1) or put back (-1).
+        """
+        root = self.root_of_change(part, sign)
+        m = len(root)
+        inverse = np.zeros_like(root)
+        with np.errstate(invalid="ignore"):
+            for a in range(m):
+                inverse[a, a] = 1.0
+                for b in range(a):
+                    inverse[a] -= root[a, b] * inverse[b]
+                inverse[a] *= root[a, a]
+            moved = np.einsum("abn,bcn->acn", inverse, self.H[:, :, part])
+            changes = np.einsum("acn,acn->n", moved, inverse)
+        return np.where(np.isfinite(root[-1, -1]), changes, np.nan)
+
+
 class FewAtOnce(InformationState):
     """A choice that is changed often, and of which few candidates are looked at in between.
 

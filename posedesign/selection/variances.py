@@ -20,7 +20,12 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates, products_by_pairs, root_of
 from posedesign.selection.certificate import MeanCertificate, Relaxation, Smooth
 from posedesign.selection.criterion import Objective, covariance_of_root
-from posedesign.selection.information import Informations, InformationState, log_det_of_root
+from posedesign.selection.information import (
+    ErrorState,
+    Informations,
+    InformationState,
+    log_det_of_root,
+)
 from posedesign.selection.relaxation import Errors, minimise_largest, minimise_smooth, relax_by
 from posedesign.selection.semidefinite import relax_smallest
 
@@ -228,8 +233,17 @@ class DeviationObjective(Objective):
             parts = (squares / largest) ** self._power
         return np.asarray(largest * np.mean(parts, axis=0) ** (1.0 / self._power))
 
+    def state(self, rows: IntArray, count: int) -> InformationState:
+        # begun with few poses, it would lose its digits with each that is taken in
+        if len(self.L) > 1 or self.candidates.m > self.L.shape[1] or len(rows) < count:
+            return super().state(rows, count)
+        return ErrorState(self.candidates, rows, count, self.L[0].T @ self.L[0])
+
     def costs(self, state: InformationState, part: slice | IntArray, sign: float) -> FloatArray:
         K, r, p = self.L.shape
+        if isinstance(state, ErrorState):
+            found = self.squares(state.C)[0] - sign * state.error_changes(part, sign)
+            return np.where(np.isfinite(found), found, np.inf)
         moved, _ = state.change(part, sign, self.L.reshape(-1, p).T)
         change = np.square(moved, out=moved).sum(axis=0).reshape(K, r, -1).sum(axis=1)  # (K, n)
         found = self._mean(self.squares(state.C)[:, None] - sign * change)

@@ -247,6 +247,33 @@ class Router:
         before = np.array([q.tobytes() in self._led_to for q in postures], dtype=bool)
         return np.asarray(found | before)
 
+    def stuck(self, postures: FloatArray) -> dict[int, str]:
+        """Postures ``(N, n)`` [rad] that no way is soon found to, by index, and what is in it.
+
+        Neither from the base posture, nor from the nearest of the others that are reached.
+        """
+        reached = self.reached(postures)
+        places, lost = self._places(postures, closed=self.options.return_to_base)
+        near = [0, *(np.flatnonzero(reached) + 1).tolist()]
+        rest = [i + 1 for i in np.flatnonzero(~reached).tolist() if i not in lost]
+        while near and rest:
+            times = self._times(places.leave[near][:, None], places.enter[rest][None])
+            quickest = np.argsort(times, axis=0, kind="stable")[:NEIGHBOURS].T.tolist()
+            legs = {
+                node: [(places.leg(near[k], node), places.leg(node, near[k])) for k in some]
+                for node, some in zip(rest, quickest, strict=True)
+            }
+            self._known.check([leg for some in legs.values() for both in some for leg in both])
+            near = [
+                node
+                for node, some in legs.items()
+                if any(not any(map(self._known.reason, *zip(*both, strict=True))) for both in some)
+            ]
+            rest = [node for node in rest if node not in near]
+            self._led_to.update(postures[node - 1].tobytes() for node in near)
+        shut = {node - 1: self._known.reason(*places.leg(0, node)) for node in rest}
+        return lost | {i: f"no clear way to it: {why}" for i, why in shut.items()}
+
     def _places(self, postures: FloatArray, *, closed: bool) -> tuple[_Places, dict[int, str]]:
         """The base posture and the poses, and which of these have no approach."""
         at = np.vstack([self._start, postures])

@@ -76,6 +76,10 @@ bound ten times as sharp, gain half a per cent, each in the time of all else."""
 ATTEMPTS = 6
 """How often poses are chosen while no clear way leads to some of them."""
 
+MANY_LOST = 0.1
+"""Largest share of the chosen poses that is left out alone where no clear way leads to them. Of the
+next choice as many would be lost: it is made of postures that a way is known to."""
+
 TURNED_BACK = 3
 """How often those of the refined poses that no clear way leads to are turned back to what they
 were, before all are."""
@@ -94,6 +98,20 @@ PART_OF_PLAN = 0.01
 parameters could not be judged; with all, nothing that they tell would count."""
 
 
+def way_through(router: Router, poses: CandidatePoses) -> Route:
+    """The way through poses; only which are stuck, where they are so many that others are chosen.
+
+    An order of poses of which many have no way takes longest to be looked for.
+    """
+    stuck = Route((), router.stuck(poses.postures))
+    return stuck if _are_many(stuck, len(poses)) else router.route(poses.postures, poses.loads)
+
+
+def _are_many(route: Route, count: int) -> bool:
+    """Return True if the lost poses are too many of ``count`` to choose only those anew."""
+    return len(route.lost) > MANY_LOST * count
+
+
 def refined_with_way(
     router: Router,
     chosen: CandidatePoses,
@@ -105,7 +123,7 @@ def refined_with_way(
     which.
     """
     if not router.reached(chosen.postures).all():  # in doubt; and refinement takes long
-        plain = router.route(chosen.postures, chosen.loads)
+        plain = way_through(router, chosen)
         if plain.lost:
             return chosen, plain
     refined = refine(chosen)
@@ -166,11 +184,12 @@ def chosen_with_way(
     for attempt in range(ATTEMPTS):
         few = min(count, len(pool)) if attempt or why else count
         rows = choose(pool, few)
-        route = router.route(pool.postures[rows], pool.loads[rows])
+        route = way_through(router, pool.take(rows))
         if not route.lost:
             break
         why = next(iter(route.lost.values()))
-        others = without_unreached(router, pool, rows[list(route.lost)], attempt)
+        again = attempt + _are_many(route, few)
+        others = without_unreached(router, pool, rows[list(route.lost)], again)
         if attempt == ATTEMPTS - 1 or not len(others):
             break
         pool = others
@@ -275,7 +294,7 @@ class Planning:
                 self._advance("refining", 0.6)
                 chosen, route = refined_with_way(self._router, chosen, self._refined)
             else:
-                route = self._router.route(chosen.postures, chosen.loads)
+                route = way_through(self._router, chosen)
             if not route.lost or attempt == ATTEMPTS - 1:
                 break
             others = self._others_than(pool, selection, route, attempt)
@@ -315,7 +334,8 @@ class Planning:
     ) -> CandidatePoses | None:
         """The pool without poses that no clear way leads to; None where too few would be left."""
         lost = selection.indices[list(route.lost)]
-        others = without_unreached(self._router, pool, lost, attempt, len(self._kept))
+        again = attempt + _are_many(route, len(selection.indices))
+        others = without_unreached(self._router, pool, lost, again, len(self._kept))
         if len(others) * self._rows < self._for.must_be_told:
             return None
         self._why = next(iter(route.lost.values()))

@@ -16,7 +16,7 @@ from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import ReadingParameters
-from calib.one_thread import one_blas_thread
+from calib.one_thread import one_numpy_thread
 from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.se3 import (
     BoolArray,
@@ -37,6 +37,7 @@ from posedesign.cell.reference import reference_of
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
 from posedesign.motion.route import Route
+from posedesign.planning.assignment import least_assignment
 from posedesign.planning.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
 from posedesign.planning.tellable import check_tellable
 from posedesign.selection import condition_inf, evaluate
@@ -199,15 +200,13 @@ def repair(cell: Cell, poses: PoseSet, pool: Replacements) -> PoseSet:
     Of the replacements each pose gets the one that is turned least against it; its reason says
     what shut the pose out and by how much the replacement is turned.
     """
-    from scipy.optimize import linear_sum_assignment
-
     gaps = np.flatnonzero([status is PoseStatus.DROPPED for status in poses.status])
     available = pool.postures(len(gaps))
     found = farthest_postures(available, poses.kept, len(gaps), cell.robot.joint_range)
     postures, status, turned = poses.postures.copy(), list(poses.status), poses.turned.copy()
     R_found = cell.robot.fk(found)[:, :3, :3]
     turn = rotation_angle(np.swapaxes(poses.orientations[gaps][:, None], -1, -2) @ R_found)
-    for row, k in zip(*linear_sum_assignment(turn), strict=True):
+    for row, k in zip(*least_assignment(turn), strict=True):
         i = int(gaps[row])
         postures[i], turned[i] = found[k], turn[row, k]
         status[i] = PoseStatus.REPAIRED
@@ -236,7 +235,7 @@ def farthest_postures(
     return pool[picked]
 
 
-@one_blas_thread
+@one_numpy_thread
 def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     """Plan measuring poses until C_G falls below the threshold of the cell.
 

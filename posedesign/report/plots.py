@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.identification import IdentificationResult
 from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup
-from calib.one_thread import one_blas_thread
+from calib.one_thread import one_numpy_thread
 from calib.robot_world import RobotWorldResult
 from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell, functions_over_work
@@ -103,7 +103,7 @@ def _plot_robot_world(result: RobotWorldResult) -> Figure:
     return figure
 
 
-@one_blas_thread
+@one_numpy_thread
 def figure_of_plan(
     cell: Cell, arms: PriorArms, q: FloatArray, setup: Setup | None = None
 ) -> Figure | None:

@@ -1,5 +1,6 @@
 """One thread of BLAS inside our own loops, and as many as there were outside of them."""
 
+import subprocess
 import sys
 import threading
 
@@ -30,7 +31,7 @@ class Libraries:
 @pytest.fixture
 def libraries(monkeypatch) -> Libraries:
     found = Libraries()
-    monkeypatch.setattr(one_thread, "_controller", lambda: found)
+    monkeypatch.setattr(one_thread, "_controller", lambda of_scipy: found)
     return found
 
 
@@ -80,3 +81,22 @@ def test_the_library_itself():
         with one_thread.one_blas_thread:
             assert most() == 1
         assert most() == 2
+
+
+def test_a_library_that_is_loaded_inside_is_taken_at_the_next_entry():
+    """Of scipy, whose BLAS is its own; numpy's alone needs no scipy."""
+    words = """
+import sys, threadpoolctl
+from calib.one_thread import one_blas_thread, one_numpy_thread
+def threads():
+    found = threadpoolctl.threadpool_info()
+    return [one["num_threads"] for one in found if one["user_api"] == "blas"]
+import numpy
+with threadpoolctl.threadpool_limits(2, "blas"):
+    with one_numpy_thread:
+        assert "scipy" not in sys.modules and max(threads()) == 1, threads()
+        with one_blas_thread:
+            assert "scipy.linalg" in sys.modules and max(threads()) == 1, threads()
+    assert 2 in threads(), threads()
+"""
+    subprocess.run([sys.executable, "-c", words], check=True)

@@ -236,6 +236,11 @@ def command_line(*words: object) -> str:
     return "posedesign " + " ".join(shlex.quote(str(word)) for word in words)
 
 
+def to_folder(out: Path) -> tuple[object, ...]:
+    """Words of a next command that writes where this one was told to; none where it was not."""
+    return () if out == Path() else ("--out", out)
+
+
 PROVED_BY = {"acceptance poses": "prove", "recheck poses": "recheck"}
 """Command that judges what is measured at poses, by the purpose that their list states."""
 
@@ -314,6 +319,9 @@ def say_what_to_know(cell: Cell) -> None:
 @contextmanager
 def progress(title: str, *, with_time_left: bool = False, quiet: bool = False) -> Iterator[Advance]:
     """A progress bar on standard error, if that is a terminal, while something long runs."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda what, part: None
+        return
     from rich import progress as bars
     from rich.console import Console
 
@@ -321,9 +329,7 @@ def progress(title: str, *, with_time_left: bool = False, quiet: bool = False) -
     columns.append(bars.TimeElapsedColumn())
     if with_time_left:
         columns += [bars.TextColumn("left"), bars.TimeRemainingColumn()]
-    console = Console(stderr=True)
-    hidden = quiet or not console.is_terminal
-    with bars.Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+    with bars.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=1.0)
 
         def advance(what: str, part: float) -> None:

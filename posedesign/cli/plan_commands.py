@@ -232,7 +232,7 @@ def plan(
         answer_of_choice(loaded, result, files),
         result.reached,
         verbose=verbose,
-        then=_program_command(loaded, files, cell),
+        then=_program_command(loaded, files, cell, out),
         content=choice_as_dict(loaded, result) | {"files": files},
         as_json=as_json,
     )
@@ -289,10 +289,10 @@ def next_poses(
             warn=lambda text: output.note(f"warning: {measurements}: {text}"),
         )
     files = [str(out / "poses.csv")]
-    then = output.command_line("program", files[0], "--cell", cell)
+    then = output.command_line("program", files[0], "--cell", cell, *output.to_folder(out))
     if not result.worth:
         of = ("--joints", joints) if joints else ()
-        then = output.command_line("identify", cell, measurements, *of)
+        then = output.command_line("identify", cell, measurements, *of, *output.to_folder(out))
     return output.tell(
         answer_of_next(loaded, result, files),
         not result.dropped,
@@ -325,26 +325,26 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
         told_plan(loaded, result, outlook, files),
         result.reached,
         verbose=verbose,
-        then=_program_command(loaded, files, cell),
+        then=_program_command(loaded, files, cell, out.folder),
         content=plan_as_dict(loaded, result, outlook) | {"files": files},
         as_json=as_json,
     )
 
 
-def _program_command(cell: Cell, files: Sequence[str], path: Path) -> str:
+def _program_command(cell: Cell, files: Sequence[str], path: Path, out: Path) -> str:
     """The command that writes the program, after what the cell has to say for it."""
     from calib.robots.arm_shapes import makers_like
-    from posedesign.programs.registry import DIALECTS
 
     if not files:
         return ""
     controller, words = cell.robot.controller, ["program", files[0], "--cell", path]
     named = controller is not None and bool(controller.maker)
     makers = (controller.maker,) if controller is not None and named else makers_like(cell.robot)
-    if not any(dialect.maker in makers[:1] for dialect in DIALECTS.values()):
-        return output.command_line(*words, "--format", "ros-trajectory")
+    if not makers:  # each maker whose controllers are known has programs
+        words += ["--format", "ros-trajectory"]
+        return output.command_line(*words, *output.to_folder(out))
     first = f'say whose it is in {path}, robot.controller = "{makers[0]}" perhaps; then '
-    return first * (not named) + output.command_line(*words)
+    return first * (not named) + output.command_line(*words, *output.to_folder(out))
 
 
 def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()) -> Answer:

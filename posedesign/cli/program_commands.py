@@ -242,7 +242,9 @@ def import_positions(
         _told_imported(imported, path, planned=plan is not None),
         not imported.doubtful,
         verbose=verbose,
-        then=output.command_line(*output.after_measuring(cell, poses, path)),
+        then=output.command_line(
+            *output.after_measuring(cell, poses, path), *output.to_folder(out)
+        ),
         content=content,
         as_json=as_json,
     )

@@ -243,7 +243,8 @@ class PosePlan(Planned):
 
     @property
     def reached(self) -> bool:
-        return self.stop is StopReason.THRESHOLD
+        """Return True if C_G is below the threshold with all poses of the grid, none dropped."""
+        return self.stop is StopReason.THRESHOLD and not self.rounds[self.best].dropped
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -262,7 +263,7 @@ class PosePlan(Planned):
         return (
             f"{self.stop}: C_G {best.c_g:.4g} (asked for {self.threshold:.4g}) with "
             f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg"
-            + f" ({best.dropped} dropped)" * bool(best.dropped)
+            + f" ({best.dropped} of {len(self.poses.names)} dropped)" * bool(best.dropped)
             + f", {self.route.detours} posture(s) passed through on the way"
             * bool(self.route.detours)
             + f"; {self.advice}" * bool(self.advice)

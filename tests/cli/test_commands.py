@@ -232,10 +232,14 @@ def test_dropped_poses_have_no_numbers_and_are_passed_over(cli, done, change_cel
         "variations.start_deg": "[50.0, 50.0, 50.0]",
     }
     out = work / "out"
-    cli("plan", change_cell(keys), "--out", out)
+    planned = cli("plan", change_cell(keys), "--out", out)
     rows = rows_of(out / "poses.csv")
     dropped = [row for row in rows if row["status"] == "dropped"]
     assert 0 < len(dropped) < 27
+    assert planned.code == 1  # fewer poses than there are in the grid
+    assert f"({len(dropped)} of 27 dropped)" in planned.out
+    program = f"program {out / 'poses.csv'} --cell {work / 'cell.toml'} --out {out}"
+    assert planned.out.endswith(f"next: posedesign {program}\n")
     assert all(row["reason"] and not row["j1_deg"] and not row["x_mm"] for row in dropped)
     said = done("simulate", work / "cell.toml", out / "poses.csv", "--out", out)
     assert f"{27 - len(dropped)} touch-ups" in said.out

@@ -141,9 +141,10 @@ def _words(row: Mapping[str, object]) -> str:
     if row["status"] == "used":
         return fits
     why = row["reason"] or _WHY.get(str(row["status"]), row["status"])
-    return f"left out: {why}" + (f"; {fits}" if row["points"] else "")
+    return f"{_LEFT_OUT}: {why}" + (f"; {fits}" if row["points"] else "")
 
 
+_LEFT_OUT = "left out"
 _WHY = {"no posture": "no posture, serves the lens only", "copy": "copy of another picture"}
 """Words for why a picture was left out, where its status is too short."""
 
@@ -250,7 +251,8 @@ def _draw(page: Page, one: _Placed, board: Board) -> None:
         words += f"; {wrong.sum()} of them in wrong places (crosses), not used"
     if shown.left_out and one.longer:
         longer = "in full size" if one.longer == 1.0 else f"{one.longer:g} times as long"
-        words += f" (arrows {longer})"
+        # where a longer text is not cut off
+        words = words.replace(_LEFT_OUT, f"{_LEFT_OUT}, arrows {longer}", 1)
     colour = VERMILION if shown.left_out else BLACK
     name = figures.shortened(in_letters(shown.name), _LETTERS - 16)
     page.add_text(name, (left, below - 8.5), 7.5, colour, bold=True)

@@ -56,7 +56,7 @@ _LEAST_OF_CELL = 0.4
 _LEAST_CELLS = 3
 """Cells of a side that have to be seen, for it to be judged."""
 
-SIDE_OFF, SIDE_OFF_PX = 0.02, 0.2
+SIDE_OFF, SIDE_OFF_PX = 0.03, 0.3
 """Difference of the side of a marker in a grid, in parts of it, and of an edge of it [px], that
 neither ink nor light makes."""
 

@@ -32,12 +32,13 @@ ROUGH, ROUGH_MARKERS = 0.06, 0.15
 """Distance from the map of rough points that are the board's, in parts of the distance of
 neighbours: paper is not flat, and corners of small markers are off by a pixel."""
 
-_FISHEYE = (0.5, 0.7, 0.9, 1.1, 1.3, 1.6)
-"""Angles [rad] off the axis of a fisheye lens at which the corner of a picture is seen."""
+_FISHEYE = (0.9, 0.5, 1.3, 1.6)
+"""Angles [rad] off the axis of a fisheye lens at which the corner of a picture is seen: a lens is
+fitted from each on, if the first of them is better than none."""
 
-_NEAR, _BETTER = 0.3, 0.8
+_NEAR, _NEAR_ROUGH, _BETTER = 0.35, 0.4, 0.8
 """Mean distance of points from the map, in parts of a far one, below which no fisheye lens is
-tried; and what of it a lens leaves that is taken."""
+tried, of refined points and of rough ones; and what of it a lens leaves that is taken."""
 
 _FLOOR_PX = 0.3
 """Points nearer than that to the map are never others: what the polynomial does not take of a lens
@@ -177,7 +178,8 @@ def fit_map(
     best = _fit_robustly(xy, px, near_px, floor, refined, fisheye, start)
     if shape is None or fisheye is not None or len(xy) < _LENS_POINTS[0]:
         return best
-    if _cost(best, xy, px, floor, most=1.0) < _NEAR:
+    near = _NEAR if refined else _NEAR_ROUGH
+    if _cost(best, xy, px, floor, most=1.0) < near:
         return best
     cost = _cost(best, xy, px, floor)
     middle = np.array([shape[1], shape[0]]) / 2.0 - 0.5
@@ -187,6 +189,8 @@ def fit_map(
         now = _cost(other, xy, px, floor)
         if now < _BETTER * cost:
             best, cost = other, now
+        elif angle == _FISHEYE[0]:
+            break
     return best
 
 

@@ -19,6 +19,7 @@ from calib.errors import InputError, JointLimitError
 from calib.model import CalibrationModel, Setup
 from calib.model.context import MeasurementContext
 from calib.robots import InverseSolutions, Robot
+from calib.robots.chain import twists_at
 from calib.robots.inverse.few_axes import AXES_OF_A_POSE
 from calib.robots.inverse.solutions import damped_step
 from calib.se3 import BoolArray, FloatArray, check_transforms, inverse, rotation_log, transform
@@ -249,6 +250,8 @@ def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
     Zero of external axes beside joints enough to correct a pose: they keep their places.
     """
     external = view.robot.external
+    if view.walk.twists is not None:
+        return np.asarray(twists_at(view.walk.twists, points.T).transpose(2, 1, 0))
     axes = np.stack([view.axis(j).T for j in range(view.robot.n)], axis=1)  # (N, n, 3)
     origins = view.walk.origins.transpose(2, 0, 1)
     linear = np.cross(axes, points[:, None] - origins)

@@ -65,7 +65,7 @@ class CorrectedRobot:
     def moved(self) -> tuple[str, ...]:
         """Joints whose frames are not where the description has them."""
         same = (self.robot.joint_origins == self.nominal.joint_origins).all(axis=(1, 2))
-        pairs = zip(self.nominal.joint_names, same, strict=True)
+        pairs = zip(self.nominal.chain_joints, same, strict=True)
         return tuple(name for name, is_same in pairs if not is_same)
 
 
@@ -98,7 +98,7 @@ def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
             placements[j + 1] = moved @ placements[j + 1]
         else:
             placements[j] @= moved
-    corrected = with_placements(robot, placements)
+    corrected = with_placements(robot, placements, errors.joints[:, 0])
     said = "joint frames as identified, not as described"
     corrected = replace(corrected, notices=(*robot.notices, said))
     return CorrectedRobot(corrected, robot, tuple(left_out))
@@ -180,7 +180,7 @@ def _moved_origins(
         xyz, rpy = ("0 0 0" if found is None else found.get(key, "0 0 0") for key in ("xyz", "rpy"))
         origins[joint.get("name", "")] = xyz, rpy
     changes = {}
-    pairs = zip(corrected.nominal.joint_names, corrected.corrections, strict=True)
+    pairs = zip(corrected.nominal.chain_joints, corrected.corrections, strict=True)
     for name, T_described_corrected in pairs:
         if name not in corrected.moved:
             continue

@@ -13,6 +13,7 @@ import numpy as np
 
 from calib.errors import InputError, near_names
 from calib.robots import SerialChain
+from calib.robots.geared_chain import GearedChain
 from calib.robots.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.se3 import FloatArray, IntArray, check_transforms
 
@@ -295,6 +296,8 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
     may be taken to be the moving one, because the closest points of both lie on the line along
     which the distance changes. Largest distances are added up link by link.
     """
+    if isinstance(chain, GearedChain):
+        return np.tile(_radii_of_all(chain, bodies), (len(pairs), 1))
     outward, inward = _radii(chain, bodies)
     links = np.array([body.link for body in bodies], dtype=np.intp)
     order = np.argsort(links[pairs], axis=1, kind="stable")
@@ -302,6 +305,23 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
     joint = np.arange(1, chain.n + 1)
     between = (joint > links[lower, None]) & (joint <= links[upper, None])
     return np.where(between, np.minimum(outward[upper], inward[lower]), 0.0)
+
+
+def _radii_of_all(chain: GearedChain, bodies: Sequence[Body]) -> FloatArray:
+    """Return how fast any body moves by each joint at most, ``(n,)`` [m/rad, m/m].
+
+    Of arms with joints that follow others: as if each moved a body at the far end of the arm.
+    """
+    whole, gears = chain.whole, chain.gears
+    size = 0.0
+    for body in bodies:
+        if not isinstance(body.solid, HalfSpace):
+            points, radius = outer_points(body.solid)
+            points = points @ body.T_link_body[:3, :3].T + body.T_link_body[:3, 3]
+            size = max(size, float(np.linalg.norm(points, axis=-1).max()) + radius)
+    length = np.linalg.norm(whole.placements[:, :3, 3], axis=-1).sum() + sum(whole.strokes_m)
+    slides = whole.external.slides_of(whole.n)
+    return np.asarray(np.where(slides, 1.0, length + 2.0 * size) @ np.abs(gears))
 
 
 def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, FloatArray]:

@@ -291,7 +291,7 @@ def incomplete(held: Held) -> list[Tried]:
     tried = float(np.log(n * len(WAVES) + 1))
     for joint in np.flatnonzero(model.robot.arm_turns).tolist():
         turn = np.zeros((6, view.q.shape[1]))
-        view.turn_about(view.axis(joint), view.walk.origins[joint], turn)
+        view.move_joint(joint, turn)
         for wave in WAVES:
             angle = wave * view.q[joint]
             Z = _seen(bare, np.stack([np.sin(angle) * turn, np.cos(angle) * turn]) * WAVE_RAD)

@@ -179,6 +179,8 @@ class MeasurementContext:
         """The view of some of the S postures: those of the measurements ``own``."""
 
         def cut(value: Any) -> Any:
+            if value is None:
+                return None
             if isinstance(value, dict):
                 return {key: cut(array) for key, array in value.items()}
             return value if value.shape[-1] == 1 else value[..., columns]
@@ -249,7 +251,12 @@ class MeasurementContext:
 
     def move_joint(self, joint: int, out: FloatArray) -> None:
         """Write the tool's twist, ``(..., 3, S)`` or ``(..., 6, S)``, of a joint's own motion."""
-        if not self.robot.sliding[joint]:
+        twists = self.walk.twists
+        if twists is not None:
+            v, w = twists[joint, :3], twists[joint, 3:]
+            out[..., :3, :] = v + cross(w, self.point)
+            out[..., 3:, :] = w[..., : out.shape[-2] - 3, :]
+        elif not self.robot.sliding[joint]:
             self.turn_about(self.axis(joint), self.walk.origins[joint], out)
         else:
             out[..., :3, :], out[..., 3:, :] = self.axis(joint), 0.0

@@ -21,6 +21,7 @@ import numpy as np
 from calib.errors import RobotModelError
 from calib.robots.chain import SLIGHT_M, SerialChain
 from calib.robots.controller import POSITIVE_AXES, makers_named
+from calib.robots.geared_chain import GearedChain
 from calib.robots.presets import preset_info, preset_names
 from calib.robots.robot import Robot
 from calib.robots.shapes import Body, capsule_between
@@ -66,6 +67,12 @@ def with_capsules(robot: Robot, radius_m: Sequence[float] | FloatArray) -> Robot
     radius_m : sequence of float
         One for all links, or one for the link that each joint moves [m].
     """
+    if isinstance(robot.chain, GearedChain):
+        raise RobotModelError(
+            f"links of {robot.name} follow others, and no capsules run from joint to joint there",
+            hint="give collision geometry in the URDF, or say constraints.collisions = false",
+            name="capsule_radius_mm",
+        )
     if len(radius_m) not in (1, robot.n):
         raise RobotModelError(
             f"{len(radius_m)} radii for the {robot.n} links of {robot.name}",

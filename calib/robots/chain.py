@@ -101,6 +101,9 @@ class ChainState:
     R_base_tip: FloatArray  # (..., 3, 3)
     p_base_tip: FloatArray  # (..., 3) [m]
     external: ExternalAxes = NO_EXTERNAL_AXES  # which of the joints slide along their axes
+    twists: FloatArray | None = None
+    """(..., n, 6): velocity at the origin of the base [m per unit] and turn that each joint gives
+    the tip; only where joints follow others (:mod:`calib.robots.geared_chain`)."""
 
     @property
     def T_base_tip(self) -> FloatArray:
@@ -117,6 +120,10 @@ class ChainState:
         Rows 0 to 2: velocity of the point [m/rad, m/m]; rows 3 to 5: angular velocity; all in base
         axes.
         """
+        if self.twists is not None:
+            v, w = self.twists[..., :3], self.twists[..., 3:]
+            moved = np.concatenate([v + np.cross(w, point[..., None, :]), w], axis=-1)
+            return np.swapaxes(moved, -1, -2)
         axes, levers = (
             np.swapaxes(a, -1, -2) for a in (self.axes, point[..., None, :] - self.origins)
         )
@@ -143,6 +150,7 @@ class Walk(NamedTuple):
     placed: dict[int, FloatArray]
     """(3, 3, S), for each joint whose placement is displaced: columns, then rows, of the rotation
     of its frame before the joint turns it, in the axes of the description."""
+    twists: FloatArray | None = None  # (n, 6, S): as :class:`ChainState` has them
 
 
 class Displacement(NamedTuple):
@@ -156,7 +164,7 @@ _Terms = list[list[tuple[int, float]]]
 
 
 @dataclass(frozen=True, eq=False)
-class _Joint:
+class Joint:
     """Constants of one joint, in frames of which it turns columns a and b about column k."""
 
     fixed: FloatArray  # (3, 3): from the frame of the joint before to this one at zero
@@ -281,14 +289,14 @@ class SerialChain:
         return len(self.axes)
 
     @cached_property
-    def _joints(self) -> list[_Joint]:
+    def _joints(self) -> list[Joint]:
         joints, before = [], np.eye(3)
         for placement, axis in zip(self.placements, self.axes, strict=True):
             k = int(np.argmax(np.abs(axis)))
             along = float(np.abs(np.delete(axis, k)).max()) < _EXACT
             turned = np.eye(3) if along else frame_about(axis)
             joints.append(
-                _Joint(
+                Joint(
                     fixed=_exact(before.T @ placement[:3, :3] @ turned),
                     steps=_steps(before.T @ placement[:3, 3]),
                     turning=((k + 1) % 3, (k + 2) % 3, k) if along else (0, 1, 2),
@@ -393,6 +401,8 @@ class SerialChain:
 
     def tip_jacobian(self, walk: Walk) -> FloatArray:
         """Geometric Jacobian ``(6, n, S)`` of the tip: as :meth:`ChainState.jacobian` of it."""
+        if walk.twists is not None:
+            return twists_at(walk.twists, walk.p_base_tip).transpose(1, 0, 2)
         axes, levers = self.all_axes(walk), walk.p_base_tip - walk.origins
         J = np.empty((6, *axes.shape[::2]))
         for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
@@ -424,6 +434,7 @@ class SerialChain:
         q = q.reshape(-1, n)
         count = len(q)
         rotations, origins, axes = (np.empty((count, n, *s)) for s in ((3, 3), (3,), (3,)))
+        twists: list[FloatArray] = []
         R_base_tip, p_base_tip = np.empty((count, 3, 3)), np.empty((count, 3))
         for start in range(0, count, _BLOCK):
             part = slice(start, start + _BLOCK)
@@ -434,6 +445,8 @@ class SerialChain:
             for j, joint in enumerate(self._joints):
                 if joint.to_link is not None:
                     walk.columns[j] = self.link_columns(walk, j)
+            if walk.twists is not None:
+                twists.append(walk.twists.transpose(2, 0, 1))
             rotations[part] = walk.columns.transpose(3, 0, 2, 1)
             origins[part] = walk.origins.transpose(2, 0, 1)
         return ChainState(
@@ -443,7 +456,17 @@ class SerialChain:
             R_base_tip=R_base_tip.reshape(*batch, 3, 3),
             p_base_tip=p_base_tip.reshape(*batch, 3),
             external=self.external,
+            twists=np.concatenate(twists).reshape(*batch, n, 6) if twists else None,
         )
+
+
+def twists_at(twists: FloatArray, points: FloatArray) -> FloatArray:
+    """Return velocities and turns ``(n, 6, S)`` of points ``(3, S)`` [m] by twists at the base."""
+    v, w = twists[:, :3], twists[:, 3:]
+    x, y, z = points
+    a, b, c = w.transpose(1, 0, 2)
+    swept = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
+    return np.concatenate([v + swept, w], axis=1)
 
 
 def _exact(R: FloatArray) -> FloatArray:

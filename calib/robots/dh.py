@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, RobotModelError, model_error, near_names
+from calib.robots.geared_chain import GearedChain
 from calib.robots.robot import Robot
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 
@@ -102,6 +103,13 @@ def dh_table(robot: Robot, form: Form = "standard", parallel_rad: float = 0.0) -
     if form not in get_args(Form):
         raise InputError(
             f"unknown form {form!r} of a table", hint=near_names(form, get_args(Form)), name="form"
+        )
+    own = robot.chain.arm
+    if own.external.any_slides or isinstance(own, GearedChain):
+        raise model_error(
+            robot.name,
+            "has joints that slide, or follow others, and the table is of joints that turn",
+            "leave the table out",
         )
     if robot.n_external:
         raise model_error(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from calib.errors import RobotModelError, model_error, near_names
 from calib.robots.chain import ExternalAxes, SerialChain
+from calib.robots.geared_chain import GearedChain
 from calib.robots.shapes import Body, LinkShape
 from calib.se3 import FloatArray, transform
 
@@ -273,8 +274,16 @@ def joints_between(model: pin.Model, base_id: int, tip_id: int, locked: Sequence
     return Path(up[::-1], down)
 
 
-def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelError]) -> None:
-    """Refuse joints that no serial arm has, nor what carries one or what it measures."""
+def check_joints(
+    model: pin.Model,
+    path: Path,
+    flaws: Mapping[str, RobotModelError],
+    followers: Collection[str] = (),
+) -> None:
+    """Refuse joints that no serial arm has, nor what carries one or what it measures.
+
+    ``followers``: joints that follow others of the path.
+    """
     _check_positioner(model, path.positioner)
     joints = path.joints
     if len(joints) > MOST_JOINTS:
@@ -294,6 +303,8 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
                 "is neither revolute nor prismatic",
                 "name another base or tip, or hold the joint at zero with lock",
             )
+        if name in followers:
+            continue
         if name in flaws:
             raise flaws[name]
         lower, upper = _limits(model, i)
@@ -402,6 +413,12 @@ def link_of(model: pin.Model, link: str, path: Path, base_id: int) -> tuple[int,
     return number, model.jointPlacements[up[number - 1]].inverse()
 
 
+def links_moved_by(model: pin.Model, joint: int) -> list[str]:
+    """Return names of the links that are fixed to what a joint moves."""
+    bodies = (f for f in model.frames if f.type == pin.FrameType.BODY)
+    return [str(f.name) for f in bodies if f.parentJoint == joint]
+
+
 def _carrier(model: pin.Model, joint: int) -> str:
     """Name of the link that a joint hangs on; empty where the description has none."""
     frames = model.frames
@@ -459,6 +476,75 @@ def chain_of(model: pin.Model, path: Path, base_id: int, tip_id: int) -> SerialC
         external=external,
         strokes_m=tuple(max(map(abs, _limits(model, i))) for i in own),
     )
+
+
+class Led(NamedTuple):
+    """A joint that moves by a factor times a joint that leads, plus an offset [rad, m]."""
+
+    leader: str
+    factor: float
+    offset: float
+
+
+def followers_of(described: RobotDescription, path: Path) -> dict[str, Led]:
+    """Return the joints of a path that follow others of it, by the joint that leads in the end.
+
+    Those of a positioner, and those that follow what is not on the path, are none.
+    """
+    names = names_of(described.model, path.arm)
+    found = {}
+    for name in names:
+        leader, factor, offset = name, 1.0, 0.0
+        for _ in names:
+            if leader not in described.led:
+                break
+            leader, by, more = described.led[leader]
+            factor, offset = factor * by, factor * more + offset
+        if leader != name and leader in names and leader not in described.led:
+            found[name] = Led(leader, factor, offset)
+    return found if not path.positioner else {}
+
+
+def geared(
+    model: pin.Model, path: Path, chain: SerialChain, followers: Mapping[str, Led]
+) -> GearedChain:
+    """Return a chain, all of whose joints have values, as that of the joints that lead."""
+    names = names_of(model, path.joints)
+    own = [k for k, name in enumerate(names) if name not in followers]
+    gears, rest = np.zeros((len(names), len(own))), np.zeros(len(names))
+    for k, name in enumerate(names):
+        led = followers.get(name, Led(name, 1.0, 0.0))
+        gears[k, own.index(names.index(led.leader))], rest[k] = led.factor, led.offset
+    slides = np.array([is_slide(model, i) for i in path.joints])
+    every = ExternalAxes(arm_slides=tuple(np.flatnonzero(slides).tolist()))
+    strokes = tuple(max(map(abs, _limits(model, i))) for i in path.joints if is_slide(model, i))
+    whole = replace(chain, external=every, strokes_m=strokes)
+    return GearedChain.of(whole, gears, rest, np.array(own, dtype=np.intp), slides)
+
+
+def limits_of(
+    model: pin.Model, path: Path, followers: Mapping[str, Led]
+) -> tuple[FloatArray, FloatArray]:
+    """Return limits ``(n,)`` [rad, m] of the joints that lead, which keep those that follow too."""
+    found: dict[str, tuple[float, float]] = {}
+    for i in path.joints:
+        name, (lower, upper) = model.names[i], _limits(model, i)
+        led = followers.get(name, Led(name, 1.0, 0.0))
+        if name in followers and (not lower < upper or not led.factor):
+            continue  # none are given
+        ends = sorted(((lower - led.offset) / led.factor, (upper - led.offset) / led.factor))
+        low, high = found.get(led.leader, (-np.inf, np.inf))
+        found[led.leader] = max(low, ends[0]), min(high, ends[1])
+    own = [model.names[i] for i in path.joints if model.names[i] not in followers]
+    for name in own:
+        if not found[name][0] < found[name][1]:
+            raise _joint_error(
+                model,
+                name,
+                "has no range: the joints that follow it have limits that none of its values keeps",
+                "correct the limits, or the factors and offsets of <mimic>",
+            )
+    return np.array([found[n][0] for n in own]), np.array([found[n][1] for n in own])
 
 
 JOINTS_OF_AN_ARM = 4

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from calib.robots.geared_chain import GearedChain
 from calib.robots.robot import Robot
 from calib.se3 import FloatArray
 
@@ -23,10 +24,18 @@ class OnePosture:
 
     def __init__(self, robot: Robot, mass_kg: float = 0.0, com_m: FloatArray | None = None) -> None:
         chain, joint = robot.chain, 0
+        self._gears, self._rest = np.eye(robot.n), np.zeros(robot.n)
+        masses, coms, slides = robot.link_mass, robot.link_com, robot.sliding
+        if isinstance(chain, GearedChain):
+            self._gears, self._rest = chain.gears, chain.rest
+            chain = chain.whole
+            # links of such arms weigh nothing
+            masses, coms = np.zeros(chain.n), np.zeros((chain.n, 3))
+            slides = chain.external.slides_of(chain.n)
         model, nowhere = pin.Model(), pin.SE3.Identity()
-        bodies = zip(robot.link_mass, robot.link_com, strict=True)
+        bodies = zip(masses, coms, strict=True)
         frames = zip(chain.placements, chain.axes, bodies, strict=True)
-        sliding = robot.sliding.tolist()
+        sliding = slides.tolist()
         for k, (placement, axis, (mass, com)) in enumerate(frames):
             kind = (
                 pin.JointModelPrismaticUnaligned if sliding[k] else pin.JointModelRevoluteUnaligned
@@ -47,15 +56,17 @@ class OnePosture:
 
         Positive where it turns the joint in its positive sense.
         """
+        q = self._gears @ q + self._rest
         if self._floor:  # the base turns against the floor
             pin.forwardKinematics(self._model, self._data, q)
             turned = self._data.oMi[self._floor].rotation @ self._gravity
             self._model.gravity.linear = turned
-        return np.asarray(-pin.computeGeneralizedGravity(self._model, self._data, q))
+        torque = pin.computeGeneralizedGravity(self._model, self._data, q)
+        return np.asarray(-torque @ self._gears)
 
     def tip(self, q: FloatArray) -> FloatArray:
         """Pose of the tip in the base frame ``(4, 4)`` at a posture ``(n,)`` [rad]."""
-        pin.forwardKinematics(self._model, self._data, q)
+        pin.forwardKinematics(self._model, self._data, self._gears @ q + self._rest)
         return np.asarray((self._data.oMi[self._last] * self._tip).homogeneous)
 
     def close_in(
@@ -68,7 +79,8 @@ class OnePosture:
         """
         R, p = T_wanted[:3, :3], T_wanted[:3, 3]
         for _ in range(iterations + 1):
-            J = pin.computeJointJacobians(self._model, self._data, q)
+            every = self._gears @ q + self._rest
+            J = pin.computeJointJacobians(self._model, self._data, every)
             tip = self._data.oMi[self._last] * self._tip
             error = np.concatenate([p - tip.translation, pin.log3(R @ tip.rotation.T)])
             off = float(np.abs(error).max())
@@ -77,6 +89,7 @@ class OnePosture:
             iterations -= 1
             # velocities of the tip's origin, where Pinocchio has those of the base's
             J[:3] -= pin.skew(tip.translation) @ J[3:]
+            J = J @ self._gears
             gradient = J.T @ error
             held = ((q <= self._lower) & (gradient < 0)) | ((q >= self._upper) & (gradient > 0))
             J[:, held] = 0.0

@@ -24,6 +24,7 @@ from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, ExternalAxes, SerialChain
 from calib.robots.controller import Controller, Coupling, controller_of, shown_of
 from calib.robots.description.urdf import load_urdf
+from calib.robots.geared_chain import GearedChain
 from calib.robots.inverse import CLOSURE_TOLERANCE, InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
 from calib.robots.inverse.few_axes import AXES_OF_A_POSE, nearest_postures
@@ -101,6 +102,8 @@ class Robot:
     has it far outside the arm; empty where none was."""
     packages: tuple[str, ...] = ()
     """Names of the packages that the description and its meshes lie in."""
+    following_among: tuple[str, ...] = ()
+    """All joints from base to tip, where some follow others; empty where none does."""
     model: pin.Model = field(default=None, repr=False, compare=False)
 
     @classmethod
@@ -201,7 +204,8 @@ class Robot:
         base_id = frame_id(model, base) if base else root_id(model)
         tip_id = frame_id(model, tip) if tip else tree.usual_tip(model, said)
         path = tree.joints_between(model, base_id, tip_id, asked)
-        tree.check_joints(model, path, described.flaws)
+        followers = tree.followers_of(described, path)
+        tree.check_joints(model, path, described.flaws, followers)
         tree.check_units(model, path)
         said[:0] = [own[name] for name in tree.names_of(model, path.joints) if name in own]
         locked = [i for i in range(1, model.njoints) if i not in path.joints]
@@ -220,9 +224,14 @@ class Robot:
             model = pin.buildReducedModel(model, locked, tree.configuration(model, at))
             base_id, tip_id = (frame_id(model, name) for name in frames)
             path = tree.joints_between(model, base_id, tip_id)
-        joints = path.joints
+        joints = [i for i in path.joints if model.names[i] not in followers]
         names = tuple(tree.names_of(model, joints))
         chain = tree.chain_of(model, path, base_id, tip_id)
+        lower, upper = tree.limits_of(model, path, followers)
+        described_joints = tuple(tree.names_of(model, path.joints))
+        if followers:
+            chain = tree.geared(model, path, chain, followers)
+            said += [f"{name} follows {led.leader}" for name, led in followers.items()]
         if chain.reach_m > LONGEST_M:
             end = model.frames[tip_id].name
             raise model_error(
@@ -251,14 +260,20 @@ class Robot:
             said.append(f"no speed given for {', '.join(slow)}")
         # what a positioner moves is carried by no joint behind it
         inertias = [pin.Inertia.Zero() for _ in path.positioner]
-        inertias += [model.inertias[i] for i in path.arm]
+        inertias += [model.inertias[i] for i in path.arm if model.names[i] not in followers]
         floor = tree.floor_of(model, path, base_id)
+        following = [i for i in path.arm if model.names[i] in followers]
+        if any(model.inertias[i].mass for i in path.arm) and following:
+            inertias = [pin.Inertia.Zero() for _ in joints]
+            said.append("masses of the links are left out: some of them follow others")
+        path = tree.Path(path.positioner, [i for i in path.arm if i not in following])
+        carried = {link for i in following for link in tree.links_moved_by(model, i)}
         return cls(
             name=model.name,
             chain=chain,
             joint_names=names,
-            lower=np.array(model.lowerPositionLimit)[columns],
-            upper=np.array(model.upperPositionLimit)[columns],
+            lower=lower,
+            upper=upper,
             speed=np.where(speed > 0, speed, np.nan),
             link_mass=np.array([i.mass for i in inertias]),
             link_com=np.array([i.lever for i in inertias]),
@@ -268,12 +283,20 @@ class Robot:
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
             bodies=tuple(
-                tree.body_of(model, shape, path, base_id, others) for shape in described.shapes
+                tree.body_of(model, shape, path, base_id, others)
+                for shape in described.shapes
+                if shape.link not in carried
             ),
             lost_shapes=tuple(
-                (tree.link_of(model, name, path, base_id)[0], name)
-                for name in described.lost_shapes
+                (0 if name in carried else tree.link_of(model, name, path, base_id)[0], name)
+                for name in dict.fromkeys(
+                    [
+                        *described.lost_shapes,
+                        *(s.link for s in described.shapes if s.link in carried),
+                    ]
+                )
             ),
+            following_among=described_joints if followers else (),
             model=model,
             held=held,
             T_floor_world=floor.homogeneous if path.positioner else np.eye(4),
@@ -347,6 +370,11 @@ class Robot:
         return self.joint_names[self.n_external :]
 
     @property
+    def chain_joints(self) -> tuple[str, ...]:
+        """Names of all joints from base to tip: ``joint_names``, and those that follow them."""
+        return self.following_among or self.joint_names
+
+    @property
     def arm_turns(self) -> BoolArray:
         """Mask ``(n,)`` of the joints of the arm itself that turn."""
         turns = ~self.sliding
@@ -408,6 +436,8 @@ class Robot:
         In the link that each hangs on; in the base where no joint is between. Those of a chain, but
         for a positioner, whose joints it passes the other way round.
         """
+        if isinstance(self.chain, GearedChain):
+            return self.chain.all_placements
         if not self.floor:
             return self.chain.placements
         ids = [self.model.getJointId(name) for name in self.joint_names]
@@ -523,12 +553,10 @@ class Robot:
     def _inverse(self) -> InverseKinematics | OnExternalAxes:
         """The solver that gives most of the postures of the chain."""
         arm = self.chain.arm
+        turns = not (arm.external.any_slides or isinstance(arm, GearedChain))
         solver = (
-            ClosedForm.of(arm)
-            or OffsetWrist.of(arm)
-            or RedundantArm.of(arm)
-            or DampedIteration(arm)
-        )
+            turns and (ClosedForm.of(arm) or OffsetWrist.of(arm) or RedundantArm.of(arm))
+        ) or DampedIteration(arm)
         return OnExternalAxes(self.chain, solver) if self.n_external else solver
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
@@ -572,7 +600,9 @@ class Robot:
                 )
 
 
-def with_placements(robot: Robot, placements: FloatArray) -> Robot:
+def with_placements(
+    robot: Robot, placements: FloatArray, offsets: FloatArray | None = None
+) -> Robot:
     """A robot whose joint frames sit elsewhere in the links before them.
 
     Limits, speeds, masses, solids and controller are kept: those of a link go with its joint.
@@ -582,6 +612,8 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
     placements : array (n, 4, 4)
         Frame of each joint at zero, in the frame of the link before it (the first: in the base)
         [m].
+    offsets : array (n,), optional
+        What joint values are off by in them [rad, m]: joints that follow others are off, too.
     """
     placed = check_transforms(placements, "placements")
     if placed.shape != (robot.n, 4, 4):
@@ -589,6 +621,14 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
             f"{robot.name} has {robot.n} joints, the placements have shape {placed.shape}",
             name="placements",
         )
+    if isinstance(robot.chain, GearedChain):
+        moved = robot.chain.moved(placed, np.zeros(robot.n) if offsets is None else offsets)
+        model, every = pin.Model(robot.model), moved.all_placements
+        base = model.frames[frame_id(model, robot.base_frame)].placement
+        for k, name in enumerate(robot.chain_joints):
+            step = pin.SE3(every[k][:3, :3], every[k][:3, 3])
+            model.jointPlacements[model.getJointId(name)] = step if k else base * step
+        return replace(robot, chain=moved, model=model)
     up, before = robot.floor, robot.chain.placements
     if up and not np.allclose(placed[0], before[0], rtol=0.0, atol=1e-12):
         raise model_error(

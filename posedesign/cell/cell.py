@@ -20,6 +20,7 @@ from calib.robots.controller import Coupling
 from calib.robots.description.srdf import Srdf, allowed_contacts, load_srdf
 from calib.robots.description.urdf import joint_links
 from calib.robots.dh import PARALLEL_RAD
+from calib.robots.geared_chain import GearedChain
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
@@ -574,6 +575,8 @@ def moved_as_base(robot: Robot) -> tuple[str, ...]:
     the joint of a positioner that turns the base, and the first joint of the arm, unless something
     slides across its axis or turns about another one.
     """
+    if isinstance(robot.chain, GearedChain):
+        return _constant(robot, of_tip=False)
     stands = _stands(robot)
     return tuple(name for j, name in enumerate(robot.joint_names) if stands[:j, j].all())
 
@@ -584,8 +587,29 @@ def moved_as_tool(robot: Robot) -> tuple[str, ...]:
     The same seen from the tip: the last joint, and those that slide along its axis, or turn about
     the line that it slides along.
     """
+    if isinstance(robot.chain, GearedChain):
+        return _constant(robot, of_tip=True)
     stands = _stands(robot)
     return tuple(name for j, name in enumerate(robot.joint_names) if stands[j + 1 :, j].all())
+
+
+_CONSTANT = 1e-6
+"""Change of a twist over postures that is rounding [m, rad per unit]."""
+
+
+def _constant(robot: Robot, *, of_tip: bool) -> tuple[str, ...]:
+    """Return joints that move base or tip by the same twist at all postures.
+
+    Of arms with joints that follow others, whose own axes do not tell how they move the tip.
+    """
+    share = np.random.default_rng(0).random((8, robot.n))
+    state = robot.state(robot.lower + share * robot.joint_range)
+    J = state.jacobian(state.p_base_tip if of_tip else np.zeros((8, 3)))
+    if of_tip:
+        back = np.swapaxes(state.R_base_tip, -1, -2)
+        J = np.concatenate([back @ J[:, :3], back @ J[:, 3:]], axis=1)
+    off = np.abs(J - J[0]).max(axis=(0, 1))
+    return tuple(name for name, by in zip(robot.joint_names, off, strict=True) if by < _CONSTANT)
 
 
 def _stands(robot: Robot) -> BoolArray:

@@ -54,8 +54,9 @@ class Situation:
         """The same at some of the postures."""
         state = self.__dict__.get("state")
         if state is not None:
-            arrays = [f.name for f in fields(state) if f.name != "external"]
-            state = replace(state, **{name: getattr(state, name)[rows] for name in arrays})
+            parts = {f.name: getattr(state, f.name) for f in fields(state)}
+            cut = {key: part[rows] for key, part in parts.items() if isinstance(part, np.ndarray)}
+            state = replace(state, **cut)
         return Situation(self.chain, self.q[rows], state, in_full=self.in_full)
 
 

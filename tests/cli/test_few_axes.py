@@ -10,6 +10,7 @@ import pytest
 from calib import Robot
 from posedesign.cell import Cell
 from tests.few_axes import urdf_of_axes
+from tests.unit.robots.test_followers import PALLETISER, urdf
 
 TOLD = {
     # joints of offsets, axes of the tool, kind, of what touches or an instrument
@@ -17,6 +18,7 @@ TOLD = {
     "five axes": (["j2", "j3", "j4"], "xyz", "touch-up"),
     "four axes": (["j3"], "xz", "touch-up"),
     "stanford": (["j2", "j3", "j4", "j5"], "xyz", "touch-up"),
+    "palletiser": (["j2", "j3"], "xy", "touch-up"),
     "cartesian": ([], "", "point"),
     "cylindrical": ([], "xy", "point"),
 }
@@ -25,7 +27,8 @@ TOLD = {
 @pytest.mark.parametrize("name", TOLD)
 def test_new_plan_identify_and_correct_go_through(name, cli, done, tmp_path):
     offsets, axes, kind = TOLD[name]
-    (tmp_path / "arm.urdf").write_text(urdf_of_axes(name))
+    text = urdf(PALLETISER) if name == "palletiser" else urdf_of_axes(name)
+    (tmp_path / "arm.urdf").write_text(text)
     text = done("new", "--robot", tmp_path / "arm.urdf").out
     text = text.replace("collisions = true", "collisions = false", 1)
     cell = tmp_path / "cell.toml"

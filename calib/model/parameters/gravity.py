@@ -11,7 +11,7 @@ from calib.batch_last import cross, turn
 from calib.errors import InputError
 from calib.model.context import Setup
 from calib.robots import Robot
-from calib.robots.chain import Walk
+from calib.robots.chain import Walk, twists_at
 from calib.se3 import FloatArray, skew
 
 
@@ -94,9 +94,21 @@ class GravityLoad:
         not described.
         """
         torque, walk = self.torques(q, setup)
+        if walk.twists is not None:  # the links weigh nothing there: what is carried alone
+            return self._by_twists(walk, walk.twists, setup)
         along = np.asarray((self.robot.chain.all_axes(walk) * torque).sum(axis=1))
         along[: self.robot.n_external] = 0.0
         return along
+
+    def _by_twists(self, walk: Walk, twists: FloatArray, setup: Setup) -> FloatArray:
+        """Return the power of the payload's weight ``(n, S)`` by unit rates of the joints [Nm]."""
+        count = walk.tip.shape[2]
+        index = np.tile(setup.payload, count // max(setup.count, 1))
+        at = walk.p_base_tip + turn(walk.tip, self._com[:, index])
+        moved = twists_at(twists, at)[:, :3]
+        power = np.einsum("i,nis->ns", self.robot.gravity, moved) * self._mass[index]
+        power[self.robot.sliding] = 0.0
+        return np.asarray(power)
 
 
 def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) -> FloatArray:

@@ -350,7 +350,7 @@ BROKEN = {
         "j2",
     ),
     "mimic": (
-        ABC + J1 + joint("j2", "b", "c", more='<mimic joint="j1" multiplier="2"/>'),
+        ABC + J1 + joint("j2", "b", "c", more='<mimic joint="far" multiplier="2"/>'),
         r"joint 'j2' follows another joint \(mimic\)",
         "j2",
     ),

@@ -99,15 +99,26 @@ class Times:
         """Time from stamp to recording [s], median."""
         return 1e-9 * float(np.median(self.recorded_ns - self.stamp_ns))
 
-    def seconds(self, start_ns: int, *, stamped: bool) -> FloatArray:
-        """Return seconds ``(K,)`` since a start, by stamps or by the times of recording."""
-        times = self.stamp_ns if stamped else self.recorded_ns
-        return np.asarray(1e-9 * (times - start_ns), dtype=float)
+    def ns(self, *, stamped: bool) -> IntArray:
+        """Return stamps, or times of recording, ``(K,)`` [ns]."""
+        return self.stamp_ns if stamped else self.recorded_ns
 
 
 LARGEST_DELAY_S = 1.0
 """Two topics whose messages take from stamp to recording times that differ by more have stamps of
 different clocks."""
+
+
+def common_seconds(first: Times, second: Times) -> tuple[FloatArray, FloatArray, str]:
+    """Return times of both topics by one clock [s], from the first message on.
+
+    By stamps; else by the times of recording, and why, in words.
+    """
+    stamped, why = have_one_clock(first, second)
+    both = [times.ns(stamped=stamped) for times in (first, second)]
+    start = min(int(times.min()) for times in both)
+    one, other = (np.asarray(1e-9 * (times - start), dtype=float) for times in both)
+    return one, other, why
 
 
 def have_one_clock(first: Times, second: Times) -> tuple[bool, str]:

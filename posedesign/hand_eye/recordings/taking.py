@@ -15,12 +15,13 @@ import numpy as np
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.hand_eye.pictures import NEAR_S, rows_near
+from calib.lens import Lens
 from calib.robots import Robot
 from calib.se3 import FloatArray
 from calib.vision.camera.rendering import GreyImage
 from posedesign.files import LEAST_POSITIVE, Results
 from posedesign.files.csv_tables import Row
-from posedesign.hand_eye.lens_files import camera_info, ros_lens
+from posedesign.hand_eye.lens_files import ros_lens
 from posedesign.hand_eye.recordings.arm_streams import (
     WINDOW_S,
     ArmStream,
@@ -37,7 +38,7 @@ from posedesign.hand_eye.recordings.bags import (
     Bag,
     Times,
     Topic,
-    have_one_clock,
+    common_seconds,
 )
 from posedesign.hand_eye.recordings.images import PictureDecoder
 from posedesign.hand_eye.recordings.stillness import StillnessOfPictures
@@ -131,10 +132,16 @@ def take_from_bag(
     if not times:
         first = seen.faults[0]
         raise FileFormatError(first.message, path=bag.path, key=images.name, hint=first.hint)
-    taken_at = Times.of(times)
-    stamped, why = have_one_clock(taken_at, arm.times)
-    arm, arm_seconds = arm.each_time_once(arm.times.seconds(bag.start_ns, stamped=stamped))
-    seconds = taken_at.seconds(bag.start_ns, stamped=stamped) + recording.time_offset_s
+    if lens is not None and (lens.width_px, lens.height_px) != decoder.size_px:
+        raise InputError(
+            f"{bag.path}: the lens is of pictures of {lens.width_px} by {lens.height_px} pixels, "
+            f"and {images.name} has other ones",
+            hint="are they made smaller, or cut? have the lens estimated",
+            name="lens",
+        )
+    seconds, arm_seconds, why = common_seconds(Times.of(times), arm.times)
+    arm, arm_seconds = arm.each_time_once(arm_seconds)
+    seconds = seconds + recording.time_offset_s
     notes = [*arm.notes, *([f"{images.name}, {arm.source}: {why}"] if why else [])]
     if recording.moving:
         stands = _of_moving_arm(seconds, seen.stillness, arm_seconds)
@@ -257,8 +264,8 @@ def _pictures_of_bag(
         yield number, (message.stamp_ns, message.recorded_ns), picture
 
 
-def _lens_of(bag: Bag, images: Topic) -> str:
-    """The lens of the camera_info beside a topic of pictures, as ``camera_info.yaml``."""
+def _lens_of(bag: Bag, images: Topic) -> Lens:
+    """The lens of the camera_info beside a topic of pictures."""
     places = images.name.split("/")
     beside = ["/".join([*places[:k], "camera_info"]) for k in (-1, -2)]
     topic = next((one for one in bag.of_types(LENSES) if one.name in beside), None)
@@ -277,7 +284,7 @@ def _lens_of(bag: Bag, images: Topic) -> str:
         "image_width": int(content.width),
         "image_height": int(content.height),
     }
-    return camera_info(ros_lens(bag.path, found))
+    return ros_lens(bag.path, found)
 
 
 def _of_moving_arm(

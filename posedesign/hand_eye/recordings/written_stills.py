@@ -21,6 +21,7 @@ from PIL import Image
 
 from calib.errors import CalibError, InputError, OutputError
 from calib.hand_eye.pictures import NEAR_S
+from calib.lens import Lens
 from calib.robots import Robot
 from calib.se3 import FloatArray, quaternion_from_rotation
 from calib.vision.camera.rendering import GreyImage
@@ -29,6 +30,7 @@ from posedesign.files.csv_tables import AsItIs, Row, Table, a_few, as_read, writ
 from posedesign.files.origin import origin_of
 from posedesign.files.pictures import ENDINGS
 from posedesign.files.postures import RADIAN_DECIMALS, JointForm, cells_of, columns_of
+from posedesign.hand_eye.lens_files import camera_info
 from posedesign.hand_eye.recordings.arm_streams import ArmStream
 from posedesign.hand_eye.recordings.stills import StandStill, why_not
 
@@ -175,7 +177,7 @@ class StillsFolder:
         seconds: FloatArray,
         faults: Sequence[CalibError],
         table: Path | None,
-        lens: str | None,
+        lens: Lens | None,
         notes: Sequence[str],
     ) -> Taken:
         """Write the list of stand-stills and the lens; return all with what is to be said."""
@@ -202,7 +204,7 @@ class StillsFolder:
             notes = [*notes, f"{len(faults)} pictures are passed over: {faults[0].message}"]
         file = None
         if lens is not None:
-            file = write_text_atomic(self._lens, lens)
+            file = write_text_atomic(self._lens, camera_info(lens))
         else:
             self._own.remove(_LENS_FILE)
         return Taken(self.folder, table, file, said, tuple(notes))

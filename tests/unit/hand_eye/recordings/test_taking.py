@@ -166,6 +166,16 @@ def test_all_offsets_that_stops_in_step_fit_are_said(tmp_path):
     assert "so evenly that it may be" in refusal(tmp_path, messages).hint
 
 
+def test_stamps_of_a_simulator_count_from_its_start(tmp_path):
+    rows = SCENE.messages(NAMES)
+    for _, _, _, content in rows:
+        content.header.stamp.sec -= r.START_NS // 10**9 - 50
+    taken = take(tmp_path, rows)
+    assert taken.notes == ()
+    at = [float(row["taken_s"]) for row in rows_of(taken.table)]
+    assert np.abs(np.array(at) - MIDDLES).max() < 0.5
+
+
 def test_stamps_of_a_camera_that_counts_from_its_start_are_not_taken(tmp_path):
     rows = []
     for topic, kind, t, content in SCENE.messages(NAMES):
@@ -276,6 +286,24 @@ def test_the_lens_of_the_bag_is_that_beside_its_pictures(tmp_path):
     again = take(tmp_path, rows)
     assert again.lens is None
     assert not taken.lens.exists()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("width", 320, "the lens is of pictures of 320 by 120 pixels"),
+        ("k", np.zeros(9), "cannot be"),
+        ("distortion_model", "", "a distortion_model that is not known"),
+        ("d", np.full(12, 0.1), "has 12 terms of distortion"),
+    ],
+)
+def test_a_lens_that_is_not_that_of_the_pictures_is_refused(tmp_path, field, value, message):
+    lens = Lens("pinhole", 160, 120, (150.0, 151.0, 80.5, 60.25, 0.1, 0.0, 0.0, 0.0, 0.0))
+    content = r.lens_message(0.1, lens)
+    setattr(content, field, value)
+    rows = [*SCENE.messages(NAMES), ("/camera/camera_info", r.LENS, 0.1, content)]
+    assert message in refusal(tmp_path, rows, lens_of_bag=True).message
+    assert not (tmp_path / "out").exists()
 
 
 def test_pictures_that_cannot_be_decoded_are_passed_over_and_counted(tmp_path):

@@ -49,8 +49,7 @@ def _parts(job: dict[str, Any]) -> Iterator[bytes]:
                     continue
                 known = topics.setdefault(one.topic, [one.msgtype, 0])
                 known[1] += one.msgcount
-        start = min((reader.start_time for reader in readers if reader.message_count), default=0)
-        yield b"t" + json.dumps({"start_ns": int(start), "topics": topics}).encode()
+        yield b"t" + json.dumps(topics).encode()
         for reader in readers:
             yield from _messages(reader, job)
 

@@ -147,7 +147,6 @@ class Bag:
     path: Path
     files: tuple[Path, ...]  # of its storage, in order
     compressed: bool  # whether each message is compressed
-    start_ns: int  # first recording, since the epoch
     topics: tuple[Topic, ...]
 
     @classmethod
@@ -158,12 +157,12 @@ class Bag:
         """
         _check_extra()
         files, compressed = _storage_of(path)
-        bag = cls(path, files, compressed, 0, ())
+        bag = cls(path, files, compressed, ())
         parts = bag._parts(())
-        head = json.loads(next(parts))
+        found = json.loads(next(parts))
         parts.close()
-        topics = tuple(Topic(name, *known) for name, known in sorted(head["topics"].items()))
-        return cls(path, files, compressed, head["start_ns"], topics)
+        topics = tuple(Topic(name, *known) for name, known in sorted(found.items()))
+        return cls(path, files, compressed, topics)
 
     def of_types(self, types: Sequence[str]) -> list[Topic]:
         """Topics of some types that have messages."""

@@ -167,7 +167,7 @@ class Statement:
         self.shape, self.slots = shape, slots
         self.kind = shape.kind  # name of the grammar's rule
         self.fault = fault  # what is wrong with it, in words; empty for nothing
-        self.said: Any = None  # what a language takes from it, kept for all that ask
+        self.said: Any = None  # see `kept`
         self._tree: Tree[Token] | None = None
 
     @property
@@ -216,6 +216,13 @@ class Statement:
     def texts(self, find: Find) -> list[str]:
         """Texts of such nodes."""
         return self.shape.texts(find, self.slots)
+
+    def kept(self, take: Callable[[Statement], T]) -> T:
+        """What a language takes from the statement, taken once for all that ask."""
+        if self.said is None:
+            self.said = take(self)
+        said: T = self.said
+        return said
 
     def once(self, ask: Callable[[Statement], T]) -> T:
         """What a function says of all statements that differ in numbers and texts only.

@@ -56,7 +56,7 @@ def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Ite
 def judged(
     items: Iterable[Judged],
     faults: Callable[[Judged], Iterable[Problem]],
-    of: Callable[[Judged], Statement],
+    of: Callable[[Judged], Any] = lambda s: s,
     names: Callable[[Judged], Hashable] | None = None,
 ) -> Iterator[Problem]:
     """Problems of statements, or of what has one, of which few of each form are looked at.
@@ -68,7 +68,7 @@ def judged(
     """
     groups: dict[Hashable, list[tuple[Judged, Statement]]] = {}
     for item in items:
-        s = of(item)
+        s: Statement = of(item)
         key: Hashable = s.shape
         if names or s.shape.named:
             key = s.shape, names(item) if names else (*[s.slots[k] for k in s.shape.named],)

@@ -233,14 +233,11 @@ def _declared(statements: Sequence[Statement]) -> Iterator[Data]:
 
 def calls(statement: Statement) -> list[tuple[str, list[Argument]]]:
     """The call that a statement is, or holds: the routine in capitals, and its arguments."""
-    if statement.said is None:
-        holds = statement.kind in ("call", "compact_if")
-        statement.said = [*_calls(statement)] if holds else []
-    said: list[tuple[str, list[Argument]]] = statement.said
-    return said
+    return statement.kept(_calls) if statement.kind in ("call", "compact_if") else []
 
 
-def _calls(statement: Statement) -> Iterator[tuple[str, list[Argument]]]:
+def _calls(statement: Statement) -> list[tuple[str, list[Argument]]]:
+    made = []
     for call in statement.all("call"):
         found: list[Argument] = []
         for argument in call.children[1:]:
@@ -256,7 +253,8 @@ def _calls(statement: Statement) -> Iterator[tuple[str, list[Argument]]]:
                 found[-1][1].update(switches)
             else:
                 found.append((value, switches))
-        yield str(call.children[0]).upper(), found
+        made.append((str(call.children[0]).upper(), found))
+    return made
 
 
 def name_of(node: Node | None) -> str:

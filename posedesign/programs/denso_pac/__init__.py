@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 from lark import Token, Tree
 
@@ -85,20 +86,15 @@ _Target = tuple[str, str, list[str] | None]
 
 def _targets(s: Statement) -> list[_Target]:
     """How a move stops at each of its targets, the expression, and the joints that it is."""
-    if s.kind != "move":
-        return []
-    if s.said is None:
-        texts = iter(s.texts(_told))
-        s.said = [
-            (
-                next(texts).upper() if stops else "@0",
-                next(texts),
-                None if count is None else [next(texts) for _ in range(count)],
-            )
-            for stops, count in s.once(_forms)
-        ]
-    said: list[_Target] = s.said
-    return said
+    return s.kept(_taken) if s.kind == "move" else []
+
+
+def _taken(s: Statement) -> list[_Target]:
+    texts, found = iter(s.texts(_told)), list[_Target]()
+    for stops, count in s.once(_forms):
+        how, target = next(texts).upper() if stops else "@0", next(texts)
+        found.append((how, target, None if count is None else [*islice(texts, count)]))
+    return found
 
 
 def _told(tree: Tree[Token]) -> Iterator[Node]:
@@ -190,7 +186,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
         stops = stops and not s.word("NEXT")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)
     steps = (s for s in statements if s.kind == "move" or s.kind in SIGNATURES)
-    yield from rules.judged(steps, _check_step, lambda s: s)
+    yield from rules.judged(steps, _check_step)
 
 
 def _check_step(s: Statement) -> Iterator[Problem]:

@@ -252,12 +252,12 @@ def _kinds(statement: Statement) -> list[tuple[bool, list[tuple[str, int]]]]:
 
 def places_of(statement: Statement) -> list[str]:
     """Positions that an instruction names: ``P[3]``, or `CHOSEN`."""
-    if statement.said is None:
-        found = [CHOSEN] if statement.once(_is_chosen) else []
-        numbers = dict.fromkeys(statement.texts(_numbers))
-        statement.said = [*found, *(f"P[{int(n[:9])}]" for n in numbers)]
-    said: list[str] = statement.said
-    return said
+    return statement.kept(_places)
+
+
+def _places(statement: Statement) -> list[str]:
+    found = [CHOSEN] if statement.once(_is_chosen) else []
+    return [*found, *(f"P[{int(n[:9])}]" for n in dict.fromkeys(statement.texts(_numbers)))]
 
 
 CHOSEN = "P[R]"  # a position that a register chooses

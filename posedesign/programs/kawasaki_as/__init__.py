@@ -189,10 +189,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
 
 
 def _places(s: Statement) -> list[str]:
-    if s.said is None:
-        s.said = [*map(str.lower, s.texts_of("place"))]
-    said: list[str] = s.said
-    return said
+    return s.kept(lambda s: [*map(str.lower, s.texts_of("place"))])
 
 
 def _inline(tree: Tree[Token]) -> list[Tree[Token]]:
@@ -217,7 +214,7 @@ def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
         if name.partition("[")[0] in arrays and name not in moved:
             yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
     yield from rules.judged(
-        single, lambda s: joints.check_joints(s.row, s.words("NUMBER"), most=size), lambda s: s
+        single, lambda s: joints.check_joints(s.row, s.words("NUMBER"), most=size)
     )
     known = {*counts, *(_places(s)[0] for s in statements if s.kind in ("here", "point"))}
     for s in moves if listed else ():
@@ -243,7 +240,7 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
         stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)
     steps = (s for s in statements if s.kind in ("speed", "wait"))
-    yield from rules.judged(steps, _check_step, lambda s: s)
+    yield from rules.judged(steps, _check_step)
 
 
 def _check_step(s: Statement) -> Iterator[Problem]:

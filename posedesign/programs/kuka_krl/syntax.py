@@ -121,10 +121,7 @@ def _forms(statement: Statement) -> list[tuple[str, int, str]]:
 
 def values_of(statement: Statement) -> list[Value]:
     """Variables and values of an assignment, a motion or a call."""
-    if statement.said is None:
-        statement.said = _values(statement)
-    said: list[Value] = statement.said
-    return said
+    return statement.kept(_values)
 
 
 def _values(statement: Statement) -> list[Value]:
@@ -193,19 +190,17 @@ class Item(NamedTuple):
 
 def items_of(declaration: Statement) -> list[Item]:
     """All that is declared."""
-    if declaration.said is None:
-        declaration.said = [*_items(declaration)]
-    said: list[Item] = declaration.said
-    return said
+    return declaration.kept(_items)
 
 
-def _items(declaration: Statement) -> Iterator[Item]:
-    values, begins = _values(declaration), declaration.once(_begins)
+def _items(declaration: Statement) -> list[Item]:
+    values, begins, found = _values(declaration), declaration.once(_begins), list[Item]()
     for k, end in zip(begins, [*begins[1:], len(values)], strict=True):
         sized = end > k + 1 and values[k + 1].kind == "index"
         own = values[k + 1 + sized : end]
         size = values[k + 1].text if sized else ""
-        yield Item(values[k].text, size, own[0] if own else None)
+        found.append(Item(values[k].text, size, own[0] if own else None))
+    return found
 
 
 def _begins(declaration: Statement) -> list[int]:

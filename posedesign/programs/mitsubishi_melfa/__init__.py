@@ -257,7 +257,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
             yield from standing.check(s.row, moves, moves, does == "dly", does == "call")
     steps = (s for s, name in zip(statements, names, strict=True) if not name)
     steps = (s for s in steps if s.once(_does) in SIGNATURES)
-    yield from rules.judged(steps, _check_step, lambda s: s)
+    yield from rules.judged(steps, _check_step)
     for s, name in zip(statements, names, strict=True):
         if name.startswith("J") and name not in moved:
             yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")

@@ -271,10 +271,11 @@ _INDEX = re.compile(r"0*(\d{1,9})", re.ASCII)
 
 def targets_of(statement: Statement) -> list[tuple[str, str]]:
     """Variables that a statement moves to: name, and index; see :func:`index_of`."""
-    if statement.said is None:
-        statement.said = [(name_of(place), index_of(place)) for place in statement.nodes(_targets)]
-    said: list[tuple[str, str]] = statement.said
-    return said
+    return statement.kept(_named)
+
+
+def _named(statement: Statement) -> list[tuple[str, str]]:
+    return [(name_of(place), index_of(place)) for place in statement.nodes(_targets)]
 
 
 def _targets(tree: Tree[Token]) -> Iterator[Tree[Token]]:

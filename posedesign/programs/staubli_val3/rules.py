@@ -237,7 +237,7 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
             reason = "the code does not begin with begin and end with end, once each"
             yield Problem(code.text_line, "code", reason)
         yield from block_faults(statements, _BLOCKS, "code")
-        yield from rules.judged(statements, scope.check, lambda s: s)
+        yield from rules.judged(statements, scope.check)
         stands, whole, moved = True, True, set()
         for statement in statements:
             if statement.fault:

@@ -111,7 +111,7 @@ class _Script:
 
     def check(self) -> Iterator[Problem]:
         called: dict[str, int] = {}
-        yield from rules.judged(self.found, self._check_statement, lambda s: s)
+        yield from rules.judged(self.found, self._check_statement)
         for statement in self.found:
             names = statement.words("FUNCTION")
             for name in names:

@@ -320,12 +320,12 @@ def _count_faults(job: Job) -> Iterator[Problem]:
 
 def positions_in(statement: Statement) -> list[list[Name]]:
     """Positions of the job and variables that a move has, and those of each other robot."""
-    if statement.said is None:
-        texts = iter(statement.texts(_points))
-        counts = statement.once(_counts)
-        statement.said = [[Name.of(next(texts)) for _ in range(count)] for count in counts]
-    said: list[list[Name]] = statement.said
-    return said
+    return statement.kept(_positions)
+
+
+def _positions(statement: Statement) -> list[list[Name]]:
+    names = map(Name.of, statement.texts(_points))
+    return [[*islice(names, count)] for count in statement.once(_counts)]
 
 
 def _points_of(move: Tree[Token]) -> list[Token]:

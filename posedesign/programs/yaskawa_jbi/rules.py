@@ -105,7 +105,7 @@ def check_yaskawa_jbi(data: bytes, path: Path) -> list[Problem]:
         _check_positions(job),
         _check_use(job),
         _check_order(job),
-        rules.judged(job.inst, _check_step, lambda s: s, _names_of),
+        rules.judged(job.inst, _check_step, names=_names_of),
         block_faults(job.inst, _BLOCKS),
     )
 

@@ -384,19 +384,23 @@ class Router:
         With each blocked motion those from its ends to the nearest places are checked, twice as
         many each time that a motion of a place is blocked; the first time, those from all places.
         """
-        for tries in range(MOST_ORDERS):
+        repaired = False
+        for _ in range(MOST_ORDERS):
             looked_at = self._look_at(among.legs, among)
             blocked = [leg for leg in looked_at if np.isinf(among.times[leg])]
-            if not blocked:
-                return tries > 0
-            if among.asked.any():
+            repaired |= bool(blocked)
+            if (
+                among.asked.any() and looked_at
+            ):  # those that are clear are no longer doubted, either
                 ends = sorted({k for leg in blocked for k in leg})
                 looked_at += self._look_at(among.nearest_unknown(ends), among)
                 among.take(looked_at)
-            else:
+            elif blocked:
                 self._look_at(among.nearest_unknown(list(range(len(among.rows)))), among)
                 among.doubt()
-        return True
+            else:
+                break
+        return repaired
 
     def _look_at(self, legs: list[tuple[int, int]], among: _Among) -> list[tuple[int, int]]:
         """Check motions that are not known; returns them, those back with them."""

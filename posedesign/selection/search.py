@@ -15,6 +15,7 @@ from math import comb
 
 import numpy as np
 
+from calib.one_thread import one_blas_thread
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.certificate import Relaxation
@@ -302,6 +303,7 @@ class Search:
         weights[rows] = 1.0
         return Found(rows, [cost]), Relaxation(weights, cost, None, cost)
 
+    @one_blas_thread
     def relax(self, tolerance: float) -> Relaxation | None:
         """The relaxation over what is free, with what is kept taken for known.
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, check_type, near_names, one_line
-from calib.one_thread import one_blas_thread
+from calib.one_thread import one_blas_thread, one_numpy_thread
 from calib.se3 import FloatArray, IntArray
 from calib.shown import Shown
 from posedesign.selection.candidates import Candidates
@@ -151,7 +151,7 @@ class Fewest:
         return text + f"; proven: fewer than {self.at_least} cannot"
 
 
-@one_blas_thread
+@one_numpy_thread
 def select(
     blocks: ArrayLike,
     n: int | None = None,
@@ -260,6 +260,7 @@ def select(
     return _selection(pool, offered, criterion, found, relaxed if bound else None)
 
 
+@one_blas_thread
 def _select_under(
     pool: Candidates,
     criterion: str | Criterion,

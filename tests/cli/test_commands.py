@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 
 from calib.robots import preset_names
+from calib.robots.controller import POSITIVE_AXES
 from posedesign.cell import Cell, CellConfig
 from posedesign.cell.file import cell_text
 from posedesign.cli import output
-from posedesign.programs import read, validate
+from posedesign.programs import DIALECTS, read, validate
 from tests.cli.conftest import rows_of
 
 COMMANDS = (
@@ -450,3 +451,8 @@ def test_new_of_a_xacro_file_with_arguments_and_packages(cli, done, tmp_path):
     for words in (("--xacro-arg", "prefix"), ("--packages", arm)):
         assert cli("new", "--robot", arm, *words).code == 2
     assert cli("new", "--robot", "ur10e", "--xacro-arg", "prefix:=left_").code == 2
+
+
+def test_each_maker_of_controllers_has_programs():
+    """So that the next command after a plan need not look for one."""
+    assert {*POSITIVE_AXES} <= {dialect.maker for dialect in DIALECTS.values()}

@@ -15,7 +15,7 @@ import numpy as np
 from calib.errors import CalibError
 from calib.identification import ExpectedError, Workplace, tool_motion
 from calib.identification.prior_arms import PriorArms
-from calib.one_thread import one_blas_thread
+from calib.one_thread import one_numpy_thread
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import functions_over_work, workplace_of
 from posedesign.candidates.workplaces import small_pool_of
@@ -34,6 +34,10 @@ PASSES = 2
 """Passes of the exchange that looks for the best choice out of a small pool. On five presets what
 they came to was 0 to 1.4 % above what as many passes as help came to, in two fifths of the time;
 the small pool itself is off by more."""
+
+NEARLY = 1.05
+"""What a choice after one pass may be above what is worth a word, to be looked at again: on
+seven presets a second pass took off 1.3 % at most."""
 
 BAR_SIGMA_M = 2e-5
 """Standard deviation of the length of a bar by touch-ups of its ends."""
@@ -69,7 +73,7 @@ class Outlook:
         return self.chosen_tcp_m is not None and self.chosen_tcp_m < NOTICEABLE * self.tcp_m
 
 
-@one_blas_thread
+@one_numpy_thread
 def outlook_of(cell: Cell, postures: FloatArray) -> Outlook:
     """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
 
@@ -140,7 +144,9 @@ def advice_for(cell: Cell, count: int, chosen_m: float | None = None) -> str:
     found = [
         (tcp_m, words)
         for words, other in _changes(cell)
-        if (tcp_m := _chosen_tcp_m(other, count, at))
+        if (roughly_m := _chosen_tcp_m(other, count, at, passes=1))
+        and roughly_m < NEARLY * WORTH_MORE * before
+        and (tcp_m := _chosen_tcp_m(other, count, at))
     ]
     said = [
         f"{words}: about {1e3 * tcp_m:.2g} mm, {before / tcp_m:.2g} times less"
@@ -170,7 +176,9 @@ def _with(cell: Cell, **sections: object) -> Cell:
     return replace(cell, config=cell.config.model_copy(update=sections))
 
 
-def _chosen_tcp_m(cell: Cell, count: int, at: Workplace | None = None) -> float | None:
+def _chosen_tcp_m(
+    cell: Cell, count: int, at: Workplace | None = None, passes: int = PASSES
+) -> float | None:
     """Error of the tool point [m] of the best of a small pool; None where there is no such pool.
 
     ``at``: where the arm will work, if that is not found from the cell.
@@ -187,7 +195,7 @@ def _chosen_tcp_m(cell: Cell, count: int, at: Workplace | None = None) -> float 
             objective.criterion,
             known=objective.known,
             starts=1,
-            passes=PASSES,
+            passes=passes,
             bound=False,
         )
     except CalibError:  # no pool, or too small a one: there is nothing to compare with

@@ -375,7 +375,10 @@ def why_not(picture: GreyImage, board: Board, lattices: CircleLattices) -> tuple
 
 
 def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
-    """Markers that are not of the board, or lie otherwise, in words."""
+    """Return markers that are not of the board, or lie otherwise, in words."""
+    border_bits = board.border_bits
+    if find_markers(picture, board.markers, border_bits=border_bits, quickly=True).squares == 0:
+        return ""
     own = find_markers(picture, board.markers, border_bits=board.border_bits, exactly=True)
     said = another_layout(board, own)
     if said:

@@ -55,6 +55,7 @@ class Markers:
 
     ids: NDArray[np.intp]  # (M,)
     corners: FloatArray  # (M, 4, 2), clockwise from the left upper one of the marker
+    squares: int = 0  # quadrilaterals that were seen, markers and others
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -95,12 +96,13 @@ def find_markers(
     if exactly:
         parameters.errorCorrectionRate = 0.0
         parameters.maxErroneousBitsInBorderRate = 0.1
-    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(picture)
+    corners, ids, others = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(picture)
     if ids is None or not len(ids):
-        return Markers(np.empty(0, dtype=np.intp), np.empty((0, 4, 2)))
+        return Markers(np.empty(0, dtype=np.intp), np.empty((0, 4, 2)), len(others))
     return Markers(
         np.asarray(ids).ravel().astype(np.intp),
         np.asarray(corners, dtype=float).reshape(-1, 4, 2),
+        len(corners) + len(others),
     )
 
 

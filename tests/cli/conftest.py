@@ -161,8 +161,10 @@ def _rows(table: MeasurementTable, *_: object) -> bytes:
     return pickle.dumps(replace(table, path=Path()))
 
 
-def _of_choice(count: int, at: Workplace | None = None) -> tuple[int, bytes]:
-    return count, b"" if at is None else at.postures.tobytes()
+def _of_choice(
+    count: int, at: Workplace | None = None, passes: int = outlook.PASSES
+) -> tuple[int, bytes, int]:
+    return count, b"" if at is None else at.postures.tobytes(), passes
 
 
 _WHOLE = (

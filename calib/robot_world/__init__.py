@@ -39,5 +39,8 @@ if TYPE_CHECKING:
     from calib.robot_world.solver import solve as solve
     from calib.robot_world.solver import solve_batch as solve_batch
     from calib.robot_world.solver import solve_batch_by_each as solve_batch_by_each
+    from calib.robot_world.streams import PoseStream as PoseStream
+    from calib.robot_world.streams import StreamResult as StreamResult
+    from calib.robot_world.streams import solve_streams as solve_streams
 else:
     __getattr__ = load_when_asked(__name__)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -22,6 +23,7 @@ from posedesign.cli import (
     plan_commands,
     program_commands,
     show_commands,
+    streams_command,
     study_commands,
 )
 from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, note, plain
@@ -61,6 +63,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "recheck": acceptance_commands.recheck,
     "robot-world": hand_eye_commands.robot_world,
     "network": network_command.network,
+    "streams": streams_command.streams,
     "demo": study_commands.demo,
     "report": show_commands.report,
     "view": show_commands.view,
@@ -111,7 +114,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "posedesign"
-        note(f"error: {_cut(error.format_message())} (see {command} --help)")
+        note(f"error: {_cut(_of_the_words(error))} (see {command} --help)")
         return BAD_INPUT
     except (typer.Abort, KeyboardInterrupt):
         return _stopped()
@@ -127,6 +130,18 @@ def run(arguments: Sequence[str] | None = None) -> int:
     if code == STOPPED:  # typer turns Ctrl-C into this code
         return _stopped()
     return int(code or 0) if given else BAD_INPUT
+
+
+def _of_the_words(error: typer.TyperException) -> str:
+    """What is wrong with the words of a command, with the word that was probably meant."""
+    text = error.format_message().replace(": Value error, ", ": ").rstrip(".")
+    choice = re.search(r"'([^']*)' is not one of ('[^']*'(?:, '[^']*')*)$", text)
+    if choice is None:
+        return text
+    from calib.errors import near_names
+
+    meant = near_names(choice[1].replace("_", "-"), re.findall("'([^']*)'", choice[2]))
+    return f"{text}; {meant}" if meant.startswith("did") else text
 
 
 def _stopped() -> int:

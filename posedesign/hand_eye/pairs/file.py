@@ -203,7 +203,7 @@ def read_numbers(path: Path, columns: Sequence[str] = (), *, bare: bool = False)
     ``bare``: it may have none where the number of its columns tells what they are: six or seven for
     a position and an orientation, 12 or 16 for a matrix row by row.
     """
-    table = read_table(path, columns, loose=True)
+    table = _table_of(path, columns)
     if bare and not columns and all(map(is_number, table.columns)):
         if len(table.columns) not in _BARE:
             raise FileFormatError(
@@ -213,7 +213,7 @@ def read_numbers(path: Path, columns: Sequence[str] = (), *, bare: bool = False)
                 hint="name them, say `columns` x_mm,y_mm,z_mm,a,b,c; - for one to be passed over",
             )
         columns = _BARE[len(table.columns)]
-        table = read_table(path, columns, loose=True)
+        table = _table_of(path, columns)
     found, rows = table.columns, table.rows
     first = {cell.lower() for cell in rows[0].cells.values()}
     if columns and all(name in first for name in columns):
@@ -233,6 +233,16 @@ def read_numbers(path: Path, columns: Sequence[str] = (), *, bare: bool = False)
         )
     found, rows = _in_small_letters(path, found, rows)
     return replace(table, columns=found, rows=rows)
+
+
+def _table_of(path: Path, columns: Sequence[str]) -> Table:
+    """Read a table as people have it; say of a program that it is one."""
+    try:
+        return read_table(path, columns, loose=True)
+    except FileFormatError as error:
+        from posedesign.programs.registry import said_of_program  # all languages: slow to load
+
+        raise said_of_program(error) from None
 
 
 def _in_small_letters(

@@ -468,7 +468,7 @@ class WrittenPoses:
         if not trust_units:
             check_lengths(self.place, p, length, "say so with `poses_are`")
         numbers = self.numbers
-        if has_angles(turn):
+        if has_angles(turn) and numbers.shape[1] == 3:
             if not angle:
                 largest = float(np.abs(numbers).max())
                 angle = "rad" if largest <= 2.0 * math.pi * 1.001 else "deg"
@@ -586,7 +586,11 @@ _RAW_PLACES = tuple(
 )
 _RAW_TURNS = (
     ("qx", "qy", "qz", "qw"),
+    ("quat_x", "quat_y", "quat_z", "quat_w"),
+    ("rx", "ry", "rz", "rw"),
+    ("q0", "q1", "q2", "q3"),
     ("q1", "q2", "q3", "q4"),
+    ("a", "b", "c", "d"),
     ("n1", "n2", "n3", "n4"),
     *(
         tuple(f"{name}{unit}" for name in names)
@@ -656,8 +660,7 @@ def _written_columns(
     names = ("pose", "picture")
     called = next((n for n in names if n in rows[0].cells), "")
     turn = UNKNOWN
-    stems = [name.rpartition("_")[2].casefold()[-2:] for name in turns]
-    if {*stems} == {"qw", "qx", "qy", "qz"} and not ordered:
+    if len(turns) == 4 and {name[-1].casefold() for name in turns} == {*"wxyz"} and not ordered:
         turns = sorted(turns, key=lambda name: "wxyz".index(name[-1].casefold()))
         turn = "quaternion-wxyz"
     return WrittenPoses(
@@ -694,13 +697,17 @@ def _find(
         _check_there(path, columns, [prefix + column for column in forms[most]])
     choices = " or ".join(f"{prefix}{needed[0]} .." for needed in forms.values())
     without = [c for c in columns if c.lower().removeprefix(prefix) in tuple("xyzwpr")]
+    hint = f"call the columns {choices}"
+    if what != "position" and {*"wxyz"} <= {c.lower().removeprefix(prefix) for c in without}:
+        four = " ".join(f"{prefix}q{axis}" for axis in "wxyz")
+        hint = f"if w x y z are a quaternion, call the columns {four}"
+    elif without:
+        hint = f"say the unit: {without[0]}_{'mm' if what == 'position' else 'deg'}, say"
     raise FileFormatError(
         f"there is no {what}: no column {prefix}{next(iter(forms.values()))[0]}",
         path=path,
         row=1,
-        hint=f"say the unit: {without[0]}_{'mm' if what == 'position' else 'deg'}, say"
-        if without
-        else f"call the columns {choices}",
+        hint=hint,
     )
 
 

@@ -95,7 +95,7 @@ class PairSource:
         self._check_options()
 
     @property
-    def _said(self) -> tuple[Convention | None, Convention | None]:
+    def said(self) -> tuple[Convention | None, Convention | None]:
         """Conventions of A and B that are said."""
         if not self.poses_are.strip():
             return None, None
@@ -116,7 +116,7 @@ class PairSource:
             raise InputError("`columns` is for tables, not for files of matrices", name="columns")
         for path in stacks:
             self._unit_of(path)
-        _ = self._said  # a word that is not known is said before a file is opened
+        _ = self.said  # a word that is not known is said before a file is opened
         if self.variables and len(self.variables) != 2:
             raise InputError(
                 f"`variables` has {len(self.variables)} names",
@@ -193,7 +193,7 @@ class PairSource:
             return file.a, file.b
         if file is None:
             return read_sides(
-                self.pairs, self.columns, trust_units=self.trust_units, said=self._said
+                self.pairs, self.columns, trust_units=self.trust_units, said=self.said
             )
         if isinstance(file, WrittenPoses) or file.lines:
             raise FileFormatError(
@@ -227,11 +227,11 @@ class PairSource:
             )
         if isinstance(file, WrittenPoses):
             unit = Convention(UNKNOWN, "", self.unit or "")
-            said = self._said[k] or unit
+            said = self.said[k] or unit
             return file.read(said, trust_units=self.trust_units)
         if file is None:
             return read_side(
-                path, "ab"[k], self.columns, trust_units=self.trust_units, said=self._said[k]
+                path, "ab"[k], self.columns, trust_units=self.trust_units, said=self.said[k]
             )
         name = pick_one(file, self.variables[k] if self.variables else "")
         return file.poses(name, self._unit_of(path), trust_units=self.trust_units)

@@ -52,10 +52,17 @@ _NEAR_BY = 2e-3
 """The same of a branch that may be about to merge with another one."""
 
 _ABOVE_BASE = 2e-3
-"""Distance of the wrist's point from axis 1, of the arm's length, below which joint 1 is swept."""
+"""Distance of the wrist's point from axis 1, of the arm's length, below which joints 1 and 6
+are swept."""
 
 _SWEEP = 48
-"""Angles of joint 1 there."""
+_TURNS_OF_JOINT_1 = TURN * np.arange(-1, _SWEEP + 1) / _SWEEP
+"""Angles of joint 1 there, the first and the last one twice."""
+
+_BESIDE = 0.1 * 1.5 ** -np.arange(40.0)
+_BESIDE = np.concatenate([-_BESIDE, _BESIDE[::-1]])
+"""Angles of joint 6 there [rad], from the one nearest to axis 1. Joint 1 hardly turns between them,
+and several zeros are too near to each other for the polynomial."""
 
 _PARALLEL = 1e-9
 """Sine below which axes of a description are parallel, and gap [m] below which they meet."""
@@ -65,6 +72,9 @@ _SHORT_M = 1e-3
 
 _LEAST = 1e-14
 """Of the largest coefficient of a polynomial, which is rounded to 1e-16 of it."""
+
+_TINY = 1e-300
+"""Takes the place of a length that is zero [m]."""
 
 Numbers = NDArray[Any]
 """Real ones, or those of complex branches."""
@@ -315,25 +325,79 @@ class OffsetWrist(InverseKinematics):
         row, k = np.nonzero((square <= before) & (square < after))
         low, mid, high = before[row, k], square[row, k], after[row, k]
         angle = self._grid[k] + 0.5 * TURN / _GRID * (low - high) / (low - 2.0 * mid + high)
-        W, b = self._wrist(G[row], angle)
-        away, along, AB, _ = self._shoulder(W)
+        AB = self._shoulder(self._wrist(G[row], angle)[0])[2]
         close = (AB**2).sum(axis=0) < (_ABOVE_BASE * (self._l2 + self._l3)) ** 2
         if not close.any():
             return np.empty((0, 6)), np.empty(0, dtype=np.intp)
-        row, angle = row[close], np.repeat(angle[close], _SWEEP)
-        away, along, b = (np.repeat(v[:, close], _SWEEP, axis=1) for v in (away, along, b))
-        turn = np.tile(TURN * np.arange(_SWEEP) / _SWEEP, len(row))
+        row, G, angle = row[close], G[row[close]], angle[close]
+
+        def over_joint_1(at: IntArray, turn: FloatArray) -> tuple[FloatArray, list[_Branch]]:
+            return self._at_joint_1(G[at], angle[at], turn)
+
+        def over_joint_6(at: IntArray, beside: FloatArray) -> tuple[FloatArray, list[_Branch]]:
+            joint_6 = angle[at] + beside
+            return joint_6, list(self._branches(*self._wrist(G[at], joint_6), _real_root))
+
+        found = [
+            self._swept(over_joint_1, _TURNS_OF_JOINT_1, len(row)),
+            self._swept(over_joint_6, _BESIDE, len(row)),
+        ]
+        return (
+            np.concatenate([q for q, _ in found]),
+            np.concatenate([row[at] for _, at in found]),
+        )
+
+    def _swept(
+        self,
+        branches: Callable[[IntArray, FloatArray], tuple[FloatArray, list[_Branch]]],
+        grid: FloatArray,
+        count: int,
+    ) -> tuple[FloatArray, IntArray]:
+        """Postures ``(K, 6)`` at the zeros, and almost zeros, of branches over a grid ``(S,)``.
+
+        ``branches`` has joint 6 and the branches of cases ``(K,)`` at values ``(K,)`` of the grid.
+        Also returns which of the ``count`` cases each posture belongs to, ``(K,)``.
+        """
+        size = len(grid)
+        cases, values = np.repeat(np.arange(count), size), np.tile(grid, count)
         q, of = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
-        for branch in self._elbows(away, along, b, (np.cos(turn), np.sin(turn)), _real_root):
-            miss = branch.miss.reshape(-1, _SWEEP)
-            low, mid, high = (np.roll(miss, k, axis=1).ravel() for k in (1, 0, -1))
-            found = np.flatnonzero((np.abs(mid) <= np.abs(low)) & (np.abs(mid) <= np.abs(high)))
+        for k, branch in enumerate(branches(cases, values)[1]):
+            # a branch is both sides of the shoulder, one after the other, or one side
+            miss = branch.miss.reshape(-1, size)
+            low, mid, high = (np.roll(miss, shift, axis=1).ravel() for shift in (1, 0, -1))
+            least = (np.abs(mid) <= np.abs(low)) & (np.abs(mid) <= np.abs(high))
+            found = np.flatnonzero(least | (mid * high <= 0.0))
+            side, case = np.divmod(found // size, count)
             for step in _parabola_zeros(low[found], mid[found], high[found]):
-                posture = self._posture(branch, angle)[found]
-                posture[:, 0] += step * TURN / _SWEEP
-                q.append(posture)
-                of.append(row[found // _SWEEP])
+                value = np.interp(found % size + step, np.arange(size), grid)
+                joint_6, again = branches(case, value)
+                postures = self._posture(again[k], np.resize(joint_6, len(again[k].miss)))
+                q.append(postures[side * len(found) + np.arange(len(found))])
+                of.append(case)
         return np.concatenate(q), np.concatenate(of)
+
+    def _at_joint_1(
+        self, G: FloatArray, near: FloatArray, turn: FloatArray
+    ) -> tuple[FloatArray, list[_Branch]]:
+        """Joint 6 ``(K,)`` [rad] that leaves the wrist's point to joint 1 at ``turn`` ``(K,)``.
+
+        The angle nearest to ``near`` ``(K,)`` of motions ``(K, 3, 4)``; and both elbows there. The
+        equation of joint 1 is ``c0 + c1 cos + c2 sin = 0`` in joint 6: three samples give it.
+        """
+        cosine, sine = np.cos(turn), np.sin(turn)
+        samples = np.asarray(TURN * np.arange(3) / 3.0)
+        _, _, (A, B), C = self._shoulder(self._around(G, samples)[0])
+        A, B, C = (v.reshape(-1, 3) for v in (A, B, C))
+        values = A * cosine[:, None] - B * sine[:, None] - C
+        c0 = values.mean(axis=1)
+        c1, c2 = (values @ part / 1.5 for part in (np.cos(samples), np.sin(samples)))
+        middle, size = np.arctan2(c2, c1), np.maximum(np.hypot(c1, c2), _TINY)
+        half = np.arccos(np.clip(-c0 / size, -1.0, 1.0))
+        # of the two angles the one on the side of near
+        angle = middle + np.copysign(half, np.sin(near - middle))
+        W, b = self._wrist(G, angle)
+        away, along, _, _ = self._shoulder(W)
+        return angle, list(self._elbows(away, along, b, (cosine, sine), _real_root))
 
     def _gap(self, T_base_tip: FloatArray) -> FloatArray:
         """Distance [m] from the wrist's point to where joints 1 to 3 can bring it, at best.

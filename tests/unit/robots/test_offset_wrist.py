@@ -109,6 +109,39 @@ def test_all_that_a_long_search_finds_is_found(robot, poses):
     check_against_search(robot, poses, starts=8_000)
 
 
+def lost_by_search(robot: Robot, postures: np.ndarray, starts: int) -> list[np.ndarray]:
+    """Postures that a search finds for the poses of given ones, and that are no answers.
+
+    Not where all of a line of postures takes the pose within rounding.
+    """
+    lost = []
+    for i, (posture, pose) in enumerate(zip(postures, robot.fk(postures), strict=True)):
+        known = np.array([posture, *found_by_search(robot, pose, starts, i)])
+        answers = robot.inverse(pose).postures
+        apart_by = apart(answers[:, None], known).min(axis=0)
+        smallest = robot.chain.smallest_singular_values(robot.chain.forward(known))
+        lost += list(known[(apart_by > 1e-3) & (smallest > 3e-6)])
+    return lost
+
+
+@pytest.mark.parametrize("size", [3e-4, 1e-3])
+def test_no_branch_is_lost_near_the_zero_posture(robot, size):
+    """There axes 1 and 4 of an arm like the HC10 are almost one line, and branches almost merge."""
+    q = np.random.default_rng(3).uniform(-size, size, (25, 6))
+    assert not lost_by_search(robot, q, starts=200)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poses", [10, pytest.param(40, marks=pytest.mark.full)])
+def test_no_branch_is_lost_near_singular_postures(robot, poses):
+    rng = np.random.default_rng(4)
+    off = rng.uniform(-1.0, 1.0, (3, poses, 6)) * 10.0 ** rng.uniform(-4.0, -1.5, (3, poses, 1))
+    quarters = rng.integers(-2, 3, (2, poses, 6)) * (np.pi / 2.0)
+    quarters[1, :, rng.integers(0, 6, 3)] += rng.uniform(-np.pi, np.pi, (3, poses))
+    q = np.concatenate([off[0], quarters[0] + off[1], quarters[1] + off[2]])
+    assert not lost_by_search(robot, q, starts=2_000)
+
+
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
 def test_almost_singular_postures_are_found(robot, joint):
     """Straight wrists and arms: two branches meet, and the polynomial has a double zero."""

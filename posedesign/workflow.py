@@ -496,6 +496,12 @@ def judge_acceptance_test(
     from posedesign.report.acceptance import figure_of_acceptance
 
     planned = measurements.with_name(ACCEPTANCE_RULE[0]) if rule is None else rule
+    if measurements.is_file() and not planned.exists():
+        raise InputError(
+            f"{planned}: there is no such file, and the test is judged by its rule",
+            hint=f"name the {ACCEPTANCE_RULE[0]} of the planned test with `rule`",
+            name="rule",
+        )
     given = (measurements, planned, identification, joints)
     read = [path for path in given if path is not None]
     file, *drawn = Results.of(out, "prove").claim(

@@ -9,6 +9,8 @@ import typer
 
 from posedesign.cli import output
 
+_IDENTIFICATION = Path("identification.json")
+
 _OF_MEASUREMENTS = "is of measurements, and none are given"
 
 Measured = Annotated[
@@ -142,7 +144,7 @@ def recheck(
     measurements: Measured = None,
     identification: Annotated[
         Path, typer.Option(help="The identification that the arm is held against.")
-    ] = Path("identification.json"),
+    ] = _IDENTIFICATION,
     poses: Annotated[int, typer.Option(help="How many to measure at.")] = 4,
     set_up_anew: Annotated[
         bool,
@@ -158,11 +160,18 @@ def recheck(
     overwrite: output.Overwrite = False,
 ) -> int:
     """Is it still the robot that was identified? Plan a few poses, then test what was measured."""
+    from calib.errors import InputError
     from posedesign import workflow
     from posedesign.acceptance.file import recheck_as_dict
     from posedesign.cell import Cell
     from posedesign.report.acceptance import answer_of_recheck, answer_of_recheck_plan
 
+    if identification == _IDENTIFICATION and not identification.exists():
+        raise InputError(
+            f"{identification}: there is no such file here, and the arm is held against it",
+            hint="name the one that posedesign identify has written with `identification`",
+            name="identification",
+        )
     loaded = Cell.load(cell)
     results = output.results_in(
         out, "recheck", cell, measurements, identification, joints, overwrite=overwrite

@@ -182,12 +182,13 @@ def robot_world(
     )
     noise = pair_results.asked_noise(found, camera, *sizes, noise_on)
     results = output.results_in(out, "robot-world", pairs, a, b, prior, overwrite=overwrite)
+    first = output.rehearsed_words(pairs, a, b)
     if prior is not None:
         from posedesign.hand_eye.pairs.priors import read_priors
 
         known = pair_results.size_of_noise(noise)
         result = told_in_part(found, camera, results, known, read_priors(prior))
-        return _tell_in_part(found, camera, result, out, verbose=verbose, as_json=as_json)
+        return _tell_in_part(found, camera, result, out, first, verbose=verbose, as_json=as_json)
     claims = claim_transforms(results) if transforms else []
     try:
         with output.progress("A X = Z B", quiet=as_json) as advance:
@@ -201,7 +202,7 @@ def robot_world(
         if part is None or not len(part.untold):
             _say_how_read(found, error)
             raise
-        return _tell_in_part(found, camera, part, out, verbose=verbose, as_json=as_json)
+        return _tell_in_part(found, camera, part, out, first, verbose=verbose, as_json=as_json)
     except CalibError as error:
         _say_how_read(found, error)
         raise
@@ -217,7 +218,7 @@ def robot_world(
     inverted = invert in ("b", "both")
     answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
     content = [pair_results.outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
-    good, first = pair_results.reached(outcomes), output.rehearsed_words(pairs, a, b)
+    good = pair_results.reached(outcomes)
     return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
 
 
@@ -226,6 +227,7 @@ def _tell_in_part(
     camera: Camera,
     result: NetworkResult,
     out: Path,
+    first: str,
     *,
     verbose: bool,
     as_json: bool,
@@ -239,6 +241,7 @@ def _tell_in_part(
         answer_of_network(NetworkPairs.of_one(pairs, camera), result, files),
         result.is_ok,
         verbose=verbose,
+        first=first,
         content=network_as_dict(result),
         as_json=as_json,
     )
@@ -456,6 +459,7 @@ def camera(
     from posedesign.report.hand_eye import answer_of_camera
     from posedesign.workflow import calibrate_from_pictures
 
+    _check_order(cell, pictures, bag)
     if bag is None and pictures is None:
         cell, pictures = None, cell  # the one that is given is of pictures
     if bag is None and pictures is not None and is_bag(pictures):
@@ -512,6 +516,18 @@ def camera(
         content=result_as_dict(found),
         as_json=as_json,
     )
+
+
+def _check_order(cell: Path | None, pictures: Path | None, bag: Path | None) -> None:
+    """Refuse a cell in the place of the pictures, and the other way round."""
+    from calib.errors import InputError
+
+    hint = "give first the cell, then the folder of pictures, the video or the bag"
+    if cell is not None and pictures is not None and cell.is_dir():
+        raise InputError(f"{cell} is a folder, and no cell", hint=hint, name="cell")
+    shown = cell if pictures is None and bag is None else pictures
+    if shown is not None and shown.suffix.casefold() == ".toml":
+        raise InputError(f"{shown} has no pictures, it is a cell", hint=hint, name="pictures")
 
 
 def _take_stills(

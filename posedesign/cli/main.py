@@ -134,14 +134,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _of_the_words(error: typer.TyperException) -> str:
     """What is wrong with the words of a command, with the word that was probably meant."""
-    text = error.format_message().replace(": Value error, ", ": ").rstrip(".")
-    choice = re.search(r"'([^']*)' is not one of ('[^']*'(?:, '[^']*')*)$", text)
+    text = error.format_message().replace(": Value error, ", ": ")
+    choice = re.search(r"'([^']*)' is not one of ('[^']*'(?:, '[^']*')*)\.$", text)
     if choice is None:
         return text
     from calib.errors import near_names
 
     meant = near_names(choice[1].replace("_", "-"), re.findall("'([^']*)'", choice[2]))
-    return f"{text}; {meant}" if meant.startswith("did") else text
+    return f"{text[:-1]}; {meant}" if meant.startswith("did") else text
 
 
 def _stopped() -> int:

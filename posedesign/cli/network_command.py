@@ -77,6 +77,7 @@ def network(
     from calib.robot_world import PairNoise
     from posedesign.hand_eye.pairs import PairSource
     from posedesign.hand_eye.pairs.networks import (
+        EdgeFile,
         network_as_dict,
         read_edges,
         read_table_of_network,
@@ -105,13 +106,15 @@ def network(
         else PairNoise(math.radians(noise_deg), noise_mm / 1e3)
     )
     priors = () if prior is None else read_priors(prior)
-    results = output.results_in(out, "network", pairs, prior, overwrite=overwrite)
+    read = [pairs, *(path for text in edge or () for path in EdgeFile.of(text).files)]
+    results = output.results_in(out, "network", *read, prior, overwrite=overwrite)
     result = solve_and_draw_network(found, results, noise, priors)
     files = [str(out / name) for name, _ in FILES if (out / name).is_file()]
     return output.tell(
         answer_of_network(found, result, files),
         result.is_ok,
         verbose=verbose,
+        first=output.rehearsed_words(*read),
         content=network_as_dict(result),
         as_json=as_json,
     )

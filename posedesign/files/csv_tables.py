@@ -13,6 +13,7 @@ import io
 import json
 import math
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -154,8 +155,45 @@ def parse_table(
     """The table in a text that is the content of a file; see :func:`read_table`.
 
     ``only``: columns whose cells are kept; recordings have hundreds that are not read. All by
-    default.
+    default. Raises FileFormatError: it is no such table; of JSON, XML or TOML with that word.
     """
+    try:
+        return _parsed(path, text, header, loose, only)
+    except FileFormatError as error:
+        kind = other_kind(text)
+        if not kind:
+            raise
+        raise FileFormatError(
+            f"is {kind}, and a table (CSV) is read here", path=path, hint=_NO_TABLE
+        ) from error
+
+
+_NO_TABLE = "give the table: a line with the names of the columns, then a row a line"
+
+
+def other_kind(text: str) -> str:
+    """Return the kind of a text that is no table: JSON, XML, TOML; empty where none is told."""
+    start = text.lstrip()[:1]
+    try:
+        if start in ("{", "["):
+            load_json(text)
+            return "JSON"
+        if start == "<":
+            return "XML or HTML"
+        if len(text) <= _LONGEST_TOML and tomllib.loads(text):
+            return "TOML, as a cell is"
+    except (ValueError, RecursionError):
+        pass
+    return ""
+
+
+_LONGEST_TOML = 1_000_000
+"""Characters of a text that is tried as TOML; cells are far shorter."""
+
+
+def _parsed(
+    path: Path, text: str, header: Sequence[str], loose: bool, only: Collection[str] | None
+) -> Table:
     mark = separator_of(text) if loose else ","
     if mark == " ":
         text = "\n".join(" ".join(line.split()) for line in text.split("\n"))

@@ -196,7 +196,7 @@ def convention_of(words: str) -> Convention:
             known = (*MAKERS, *READERS, *RADIANS, *LENGTHS, INVERSE, AS_THEY_STAND)
             raise InputError(
                 f"`poses_are` {word!r} is not known",
-                hint=near_names(word, known),
+                hint=_meant(word, known),
                 name="poses_are",
                 value=words,
             )
@@ -212,6 +212,40 @@ def convention_of(words: str) -> Convention:
         else:
             found = replace(found, length=word)
     return found
+
+
+_ALSO_CALLED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "axis-angle": ("rotation-vector",),
+        "angle-axis": ("rotation-vector",),
+        "rodrigues": ("rotation-vector", "opencv-rvec"),
+        "rvec": ("rotation-vector", "opencv-rvec"),
+        "rotvec": ("rotation-vector", "ur-rotation-vector"),
+        "euler": ("zyx-moving", "xyz-moving", "zyz-moving", "xyz-fixed"),
+        "rpy": ("xyz-fixed", "ros-rpy", "xarm-rpy"),
+        "roll-pitch-yaw": ("xyz-fixed", "ros-rpy", "xarm-rpy"),
+        "wpr": ("fanuc-wpr", "xyz-fixed"),
+        "quaternion": ("quaternion-wxyz", "quaternion-xyzw"),
+        "universal-robots": ("ur-rotation-vector",),
+        "inverted": (INVERSE,),
+        **dict.fromkeys(("millimeter", "millimeters", "millimetre", "millimetres"), ("mm",)),
+        **dict.fromkeys(("meter", "meters", "metre", "metres"), ("m",)),
+        **dict.fromkeys(("inches", "in"), ("inch",)),
+        **dict.fromkeys(("degree", "degrees"), ("deg",)),
+        **dict.fromkeys(("radian", "radians"), ("rad",)),
+    }
+)
+"""Words that people have for conventions, and the words here that are meant."""
+
+
+def _meant(word: str, known: Sequence[str]) -> str:
+    """Hint for a word that is not known: what people call so, or the words that have it in them."""
+    plain = re.sub(r"[\s_]+", "-", word)
+    held = [name for name in known if len(plain) > 1 and plain in name.split("-")]
+    meant = _ALSO_CALLED.get(plain) or ((plain,) if plain in known else ()) or held[:5]
+    if meant:
+        return f"did you mean {' or '.join(meant)}?"
+    return near_names(word, known)
 
 
 def named(turn: str) -> str:

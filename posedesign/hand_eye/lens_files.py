@@ -149,6 +149,13 @@ def read_lens(path: Path) -> Lens:
             hint="write camera_matrix, distortion_coefficients, image_width and image_height; or "
             "have the lens estimated with the camera",
         )
+    if not any(isinstance(value, dict) for value in found.values()):
+        raise FileFormatError(
+            "has no lens",
+            path=path,
+            hint="give a camera.json of posedesign camera, a camera_info of ROS, a calibration of "
+            "OpenCV, or a camchain of Kalibr",
+        )
     cameras = read_camchain(path)
     if len(cameras) > 1:
         raise FileFormatError(

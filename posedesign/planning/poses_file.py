@@ -88,7 +88,7 @@ from posedesign.files.csv_tables import (
     read_table,
     write_table,
 )
-from posedesign.files.measurements import PLACE, TURN
+from posedesign.files.measurements import PLACE, TURN, check_label
 from posedesign.files.postures import (
     JointForm,
     cells_of,
@@ -566,6 +566,9 @@ def _listed(
     postures_of_rows: Callable[[Sequence[Row]], FloatArray],
 ) -> PoseList:
     status = [_status(path, row) for row in table.rows]
+    for row in table.rows:
+        for column in ("name", "reason"):
+            check_label(path, row.line, row.cells.get(column, ""), column)
     pairs = list(zip(table.rows, status, strict=True))
     rows = [row for row, s in pairs if s is not PoseStatus.DROPPED]
     via = np.array([s is PoseStatus.VIA for s in status if s is not PoseStatus.DROPPED], dtype=bool)

@@ -204,12 +204,37 @@ def dialect_of(path: Path, name: str | None = None) -> Dialect:
             path=path,
             hint="name the dialect with `format`",
         )
-    known = ", ".join(f"{' '.join(d.suffixes)} ({d.name})" for d in DIALECTS.values())
+    known = " ".join(dict.fromkeys(end for d in DIALECTS.values() for end in d.suffixes))
     raise InputError(
         f"{path}: no controller's programs end in {path.suffix or 'nothing'}",
-        hint=f"known: {known}; or name the dialect",
+        hint=f"give a program ({known}), or name the dialect",
         name="path",
         value=str(path),
+    )
+
+
+def title_of(path: Path) -> str:
+    """Return the title of the language that a file is a program of; empty for any other file.
+
+    A table (CSV) is no program here, though RoboDK has its lists in that form.
+    """
+    ending = path.suffix.lower()
+    if ending == ".csv" or not path.is_file():
+        return ""
+    fitting = [d for d in DIALECTS.values() if ending in d.suffixes]
+    data = read_program_bytes(path) if fitting else b""
+    return next((d.title for d in fitting if d.recognises(data)), "")
+
+
+def said_of_program(error: FileFormatError) -> FileFormatError:
+    """Return the error of a file that was read as a table, or that it is a program where it is."""
+    title = title_of(error.path)
+    if not title:
+        return error
+    return FileFormatError(
+        f"is a {title}, and a table (CSV) is read here",
+        path=error.path,
+        hint="read positions back from it with: posedesign import",
     )
 
 
@@ -220,6 +245,13 @@ def read_joints(
 
     Raises FileFormatError: a position is the pose of a tool, with the hint what to give instead.
     """
+    endings = {ending for d in DIALECTS.values() for ending in d.suffixes}
+    if dialect is None and path.is_file() and path.suffix.lower() not in endings:
+        raise FileFormatError(
+            "is no table of joints (CSV) and no program of a controller, by its ending",
+            path=path,
+            hint="give a table with the columns j1_deg j2_deg ..",
+        )
     chosen = dialect_of(path, dialect)
     positions = chosen.read(path).whole().measured
     posed = next((p.line for p in positions if p.shown_deg is None), None)

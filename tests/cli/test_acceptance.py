@@ -224,7 +224,7 @@ def test_the_rule_is_not_changed_once_something_is_measured(tracked, refuse):
         ("{", ("is no valid JSON",)),
         ("[]", ("acceptance_test.json",)),
         ("{}", ("key test: is missing", "plan the test first")),
-        (None, ("acceptance_test.json: cannot be read",)),
+        (None, ("acceptance_test.json: there is no such file", "with --rule")),
     ],
 )
 def test_a_rule_that_is_none_is_refused_in_a_line(tracked, refuse, text, said):
@@ -308,7 +308,9 @@ def test_rechecks_that_cannot_be_are_refused_in_a_line(tracked, refuse, words, s
 
 
 def test_a_recheck_needs_the_identification(tracked, refuse):
-    refuse("recheck", "cell.toml").says("identification.json: cannot be read")
+    for measured in ((), ("proof/measurements.csv",)):
+        line = refuse("recheck", "cell.toml", *measured)
+        line.says("identification.json: there is no such file", "with --identification")
 
 
 def test_postures_that_were_identified_from_are_named(tracked, cli, done):

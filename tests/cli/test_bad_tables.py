@@ -7,7 +7,11 @@ from typing import Any
 
 import pytest
 
+from calib.errors import FileFormatError
+from calib.robots import Robot
+from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.files import csv_tables
+from posedesign.identification.instruments.joint_logs import read_joint_rows
 from tests.cli.conftest import offsets_only
 
 Refuse = Callable[..., Any]
@@ -203,3 +207,56 @@ def test_a_mistyped_column_that_is_not_needed_is_named(cli, work):
     assert f"{touch_ups}: the column Pose is not read: is it meant to be pose?" in said.err
     touch_ups.write_text(touch_ups.read_text().replace(",Pose", ",shift", 1))
     assert "not read" not in cli("identify", work / "cell.toml", touch_ups, "--out", work).err
+
+
+def test_files_of_another_kind_say_what_they_are(refuse, work):
+    """JSON, a cell and a program where a table is read, by every command that reads one."""
+    cell, poses = work / "cell.toml", work / "poses.csv"
+    content = work / "identification.json"
+    content.write_text('{\n  "models": [1, 2,\n 3, 4]\n}\n')
+    program = work / "CALIB01.script"
+    program.write_text("def CALIB01():\n  movej([0.1, 0.2, 0.3, 0.4, 0.5, 0.6], a=1, v=1)\nend\n")
+    page = work / "report.html"
+    page.write_text("<html>\n<body>a, b</body>\n</html>\n")
+    rule = ("--identification", content)
+    for command in (
+        ("identify", cell),
+        ("recheck", cell),
+        ("prove", cell),
+        ("robot-world",),
+        ("network",),
+        ("score", cell),
+        ("program",),
+    ):
+        more = rule if command[0] == "recheck" else ()
+        if command[0] == "prove":
+            more = ("--rule", poses)
+        if command[0] == "program":
+            more = ("--cell", cell)
+        for path, said in (
+            (content, "is JSON"),
+            (cell, "is TOML"),
+            (page, "is XML or HTML"),
+            (program, "is a Universal Robots URScript program"),
+        ):
+            if (command[0], path) in {("robot-world", content), ("prove", path)}:
+                continue
+            if path == program and command[0] in ("score", "program"):
+                continue
+            refuse(*command, path, *more).says(f"{path}: {said}", "a table (CSV) is read here")
+
+
+def test_joints_in_a_file_of_another_kind(tmp_path):
+    other = tmp_path / "identification.json"
+    other.write_text("{}")
+    with pytest.raises(FileFormatError, match=r"no table of joints .* no program of") as no:
+        read_joint_rows(other, Robot.preset("ur5e"), InstrumentSection())
+    assert "j1_deg j2_deg" in no.value.hint
+
+
+def test_names_that_would_steer_a_terminal_are_refused_in_poses(refuse, change_csv, work):
+    for column in ("name", "reason"):
+        path = change_csv("poses.csv", 3, column, "P1\x1b[31mred")
+        line = refuse("check", work / "cell.toml", path)
+        line.says(f"column {column}: 'P1\\x1b[31mred' has a character that cannot be shown")
+        path = change_csv("poses.csv", 3, column, "P1")

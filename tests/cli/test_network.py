@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from posedesign.files import origin_of
 from posedesign.files.csv_tables import read_table, write_table
 from posedesign.hand_eye.pairs import Pairs, write_pairs
 from tests.cli.conftest import rows_of
@@ -144,3 +145,13 @@ def test_priors_that_cannot_be_are_refused_in_one_line(refuse, tmp_path, text, s
     prior = tmp_path / "prior.toml"
     prior.write_text(text)
     refuse("robot-world", path, "--prior", prior, "--out", tmp_path).says(said)
+
+
+def test_rehearsed_pairs_are_said_before_any_answer(done, glance, demo_work, tmp_path):
+    """A table that says that it is simulated is so by every command, and so is what it gives."""
+    done("simulate", demo_work / "cell.toml", demo_work / "poses.csv", "--out", tmp_path / "sim")
+    pairs = tmp_path / "sim" / "pairs.csv"
+    said = glance("network", "--edge", f"camera,target={pairs}", "--out", tmp_path)
+    assert said.code == 0, said.err
+    assert said.out.startswith("SIMULATED, not for a robot")
+    assert origin_of(tmp_path / "network.csv").kind == "simulated"

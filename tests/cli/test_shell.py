@@ -116,7 +116,7 @@ def not_reached(tmp_path) -> Path:
     """A cell with a pose that its robot cannot take, and a program that is none: exit code 1."""
     (tmp_path / "cell.toml").write_text(cell_template(surroundings=False))
     joints = ",".join(f"j{k}_deg" for k in range(1, 7))
-    name = '"P1 \x1b[31m\nred \u202e\x9b1m"'
+    name = "P1 red \u202e"
     (tmp_path / "poses.csv").write_text(f"name,{joints}\n{name},0,500,0,0,0,0\n")
     (tmp_path / "bad.LS").write_text("/PROG BAD\n")
     return tmp_path
@@ -145,11 +145,16 @@ def test_what_becomes_of_the_output_does_not_change_the_exit_code(not_reached, c
 
 
 def test_names_from_files_steer_no_terminal(cli, not_reached):
-    """Escapes, line ends and marks that turn the direction of writing are shown by their codes."""
-    said = cli("check", not_reached / "cell.toml", not_reached / "poses.csv")
+    """Marks that turn the direction of writing are shown by their codes; escapes are refused."""
+    cell, poses = not_reached / "cell.toml", not_reached / "poses.csv"
+    said = cli("check", cell, poses)
     assert said.code == 1
-    assert r"P1 \x1b[31m red \u202e\x9b1m" in said.out
-    everything = said.out + said.err
+    assert r"P1 red \u202e" in said.out
+    poses.write_text(poses.read_text().replace("P1 red \u202e", '"P1 \x1b[31m\nred \x9b1m"'))
+    refused = cli("check", cell, poses)
+    assert refused.code == 2
+    assert r"'P1 \x1b[31m\nred \x9b1m' has a character that cannot be shown" in refused.err
+    everything = said.out + said.err + refused.out + refused.err
     assert all(c.isprintable() or c == "\n" for c in everything)
 
 

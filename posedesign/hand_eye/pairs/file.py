@@ -167,7 +167,7 @@ def joined(a: Poses, b: Poses) -> Pairs:
     given = a.names or b.names or ("",) * len(a.T)
     names = tuple(name or f"P{i + 1:02d}" for i, name in enumerate(given))
     places = tuple(a.place.name(i) for i in range(len(names)))
-    return Pairs(names, a.T, b.T, places, (*a.notes, *b.notes))
+    return Pairs(names, a.T, b.T, places, tuple(dict.fromkeys((*a.notes, *b.notes))))
 
 
 def expanded(columns: Sequence[str]) -> list[str]:

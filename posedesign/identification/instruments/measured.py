@@ -92,6 +92,19 @@ def read_measured(
     Raises FileFormatError: naming file, line and column of what cannot be read, or is not known.
     InputError: there are no joints.
     """
+    try:
+        return _read(cell, path, joints, each_visit, trust_units)
+    except FileFormatError as error:
+        from posedesign.programs.registry import said_of_program  # all languages: slow to load
+
+        if error.path != path:
+            raise
+        raise said_of_program(error) from None
+
+
+def _read(
+    cell: Cell, path: Path, joints: Path | None, each_visit: bool, trust_units: bool
+) -> Measured:
     if joints is None and not is_of_instrument(cell, path):
         table = read_measurements(
             path,

@@ -101,6 +101,10 @@ def test_words():
         ("kuka-acb", "did you mean kuka-abc"),
         ("kuka-abc,fanuc-wpr", "says the orientation twice"),
         ("zyx-moving,feet", "'feet' is not known"),
+        ("wxyz", "did you mean quaternion-wxyz?"),
+        ("zyx", "did you mean zyx-moving or zyx-fixed?"),
+        ("Axis Angle", "did you mean rotation-vector?"),
+        ("kuka-abc,millimeters", "did you mean mm?"),
     ],
 )
 def test_words_that_are_not_known(words, said):

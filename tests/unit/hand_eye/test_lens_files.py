@@ -106,7 +106,8 @@ def test_what_is_written_is_read_again(tmp_path, name):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{}", "holds no camera of Kalibr"),
+        ("{}", "has no lens"),
+        ("picture,j1_deg", "has no lens"),
         ('{"camera_matrix": [1, 2], "image_width": 5}', "no camera_matrix of nine numbers"),
         ('{"lens": {"model": "wide"}}', "not all the numbers of a lens"),
         (

@@ -556,3 +556,36 @@ def test_random_cells_raise_nothing_but_known_errors(tmp_path, form, rows):
             continue
         assert np.isfinite(found.A).all()
         assert math.isclose(np.linalg.det(found.A[0, :3, :3]), 1.0, abs_tol=1e-9)
+
+
+QUATERNIONS = {
+    "names": (("quat_x", "quat_y", "quat_z", "quat_w"), False),
+    "letters": (("rx", "ry", "rz", "rw"), False),
+    "numbers": (("q0", "q1", "q2", "q3"), True),
+    "numbers, w last": (("a", "b", "c", "d"), False),
+}
+"""Names that people have for the numbers of a quaternion, and whether w stands first."""
+
+
+@pytest.mark.parametrize(("names", "first"), QUATERNIONS.values(), ids=QUATERNIONS)
+def test_a_quaternion_under_other_names_is_read_whole(tmp_path, names, first):
+    pairs = some_pairs(20)
+    paths = []
+    for letter, T in (("a", pairs.A), ("b", pairs.B)):
+        q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=first)
+        numbers = np.hstack([1e3 * T[:, :3, 3], q])
+        columns = ["x_mm", "y_mm", "z_mm", *names]
+        paths.append(table(tmp_path, columns, numbers, f"{letter}.csv"))
+    found = PairSource(a=paths[0], b=paths[1]).read()
+    np.testing.assert_allclose(found.A, pairs.A, atol=1e-7)
+    np.testing.assert_allclose(found.B, pairs.B, atol=1e-7)
+    assert not any("unit of angles" in note for note in found.notes)
+    assert len(set(found.notes)) == len(found.notes)
+
+
+def test_w_x_y_z_beside_a_position_are_asked_for_by_name(tmp_path):
+    rows = np.tile([100.0, 200.0, 300.0, 1.0, 0.0, 0.0, 0.0], (4, 1))
+    path = table(tmp_path, ["x_mm", "y_mm", "z_mm", "w", "x", "y", "z"], rows, "a.csv")
+    with pytest.raises(FileFormatError) as caught:
+        read_side(path, "a")
+    assert "if w x y z are a quaternion, call the columns qw qx qy qz" in caught.value.hint

@@ -23,8 +23,8 @@ from calib.robots.inverse.ideal import ideals
 from calib.robots.inverse.solutions import (
     CLOSURE_TOLERANCE,
     InverseKinematics,
-    close_in,
     pose_error,
+    stepped,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
 
@@ -148,7 +148,9 @@ class ClosedForm(InverseKinematics):
         touched[of] = True
         q, of = polished(self._chain, start, of, T_base_tip, near_by[inexact])
         mixed = exact & touched[pose]
-        q, of = each_once(np.concatenate([postures[mixed], q]), np.concatenate([pose[mixed], of]))
+        if mixed.any():
+            q, of = np.concatenate([postures[mixed], q]), np.concatenate([pose[mixed], of])
+            q, of = each_once(q, of)
         alone = exact & ~touched[pose]
         pose = np.concatenate([pose[alone], of])
         order = np.argsort(pose, kind="stable")
@@ -162,24 +164,28 @@ def polished(
     T_base_tip: FloatArray,
     near_by: BoolArray,
 ) -> tuple[FloatArray, IntArray]:
-    """Return what starts ``(S, n)`` close in on, some of it more than once.
+    """Return what starts ``(S, n)`` close in on, each once, those of each pose together.
 
     Where two starts of a pose close in on one posture, or one goes far or nowhere, two branches
     merge nearby: both are sought from those that are ``near_by`` ``(S,)`` their poses ``of``
-    ``(S,)``. Postures ``(K, n)`` [rad] and their poses ``(K,)``.
+    ``(S,)``. Postures ``(K, n)`` [rad] and their poses ``(K,)``, in ascending order.
     """
     q, arrived = _closed_in(chain, start, T_base_tip[of])
     order = np.lexsort((~arrived, of))  # the first of equals has arrived
-    again = np.zeros(len(of), dtype=bool)
-    again[order] = repeated(q[order], of[order])
+    q, start, of = q[order], start[order], of[order]
+    arrived, near_by = arrived[order], near_by[order]
+    again = repeated(q, of)
     far = np.abs(q - start).max(axis=1) > _WENT_FAR_RAD
     doubtful = near_by & (far | again | ~arrived)
+    arrived &= ~again
     if not doubtful.any():
         return q[arrived], of[arrived]
     rows = np.tile(of[doubtful], 2)
     starts = both_sides(chain, start[doubtful], T_base_tip[of[doubtful]])
     more, closed = _closed_in(chain, starts, T_base_tip[rows])
-    return np.concatenate([q[arrived], more[closed]]), np.concatenate([of[arrived], rows[closed]])
+    return each_once(
+        np.concatenate([q[arrived], more[closed]]), np.concatenate([of[arrived], rows[closed]])
+    )
 
 
 def _closed_in(
@@ -187,8 +193,11 @@ def _closed_in(
 ) -> tuple[FloatArray, BoolArray]:
     """Return postures ``(S, n)`` stepped towards their poses, and which have arrived."""
     free = np.full(chain.n, np.inf)
-    q = close_in(chain, q, T_wanted, -free, free, _POLISHING)
-    return q, compare(chain, q, T_wanted, np.arange(len(q))).below(CLOSURE_TOLERANCE)
+    q, left = stepped(chain, q, T_wanted, -free, free, _POLISHING)
+    arrived = np.ones(len(q), dtype=bool)
+    if len(left):
+        arrived[left] = compare(chain, q[left], T_wanted, left).below(CLOSURE_TOLERANCE)
+    return q, arrived
 
 
 _TRIED = 64
@@ -264,6 +273,8 @@ def compare(
 _FEW = 40
 """Postures of which each is held against each other at once."""
 
+_EARLIER = np.tri(_FEW, k=-1, dtype=bool)
+
 
 def repeated(postures: FloatArray, pose: IntArray) -> BoolArray:
     """Whether an earlier posture of the same pose is the same, full turns aside: ``(S,)``.
@@ -272,9 +283,10 @@ def repeated(postures: FloatArray, pose: IntArray) -> BoolArray:
     """
     count = len(postures)
     if count <= _FEW:
-        off = np.remainder(postures[:, None] - postures + np.pi, TURN) - np.pi
-        same = (np.abs(off) < SAME_POSTURE_RAD).all(axis=2) & (pose[:, None] == pose)
-        return np.asarray(np.tril(same, -1).any(axis=1))
+        off = postures[:, None] - postures
+        off -= TURN * np.rint(off * (1.0 / TURN))
+        same = (np.abs(off, out=off).max(axis=2) < SAME_POSTURE_RAD) & (pose[:, None] == pose)
+        return np.asarray((same & _EARLIER[:count, :count]).any(axis=1))
     first = np.searchsorted(pose, pose)
     same = np.zeros(count, dtype=bool)
     for back in range(1, int((np.arange(count) - first).max(initial=0)) + 1):

@@ -57,7 +57,8 @@ class EaikArm:
 
         Postures ``(S, n)`` [rad] and their poses ``(S,)`` in ascending order.
         """
-        found = [answer.Q for answer in self._solver.calculate_IK_batched(T_base_tip, 1)]
+        # its batches start a thread, which takes as long as six poses
+        found = [self._solver.calculate_IK(T).Q for T in T_base_tip]
         counts = [len(f) for f in found]
         q = np.concatenate([np.empty((0, len(self._free))), *(f for f in found if len(f))])
         if self._turned:

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from calib.batch_last import cross
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain
-from calib.robots.inverse.closed_form import across, angle_about, each_once, polished, rotated
+from calib.robots.inverse.closed_form import polished
 from calib.robots.inverse.ideal import ideals
 from calib.robots.inverse.solutions import InverseKinematics
-from calib.se3 import FloatArray, IntArray, inverse
+from calib.se3 import FloatArray, IntArray, inverse, skew
 
 _DEGREE = 8
 _SAMPLES = 2 * _DEGREE + 4
@@ -47,6 +47,10 @@ _MISS = 0.02
 """Cosine by which axes 4 and 5 of a branch may miss their angle before it is closed in on. Joint 6
 loses half its digits where two branches merge, three quarters where four do, and more of an arm
 that is a little off the one that is solved."""
+
+_EXACT_MISS, _SAME_ZERO = 1e-10, 1e-4
+"""The same of a branch at an exact zero, and of others that have the same zero: a double one is
+good to half the digits of a simple one."""
 
 _NEAR_BY = 2e-3
 """The same of a branch that may be about to merge with another one."""
@@ -116,10 +120,11 @@ class OffsetWrist(InverseKinematics):
         from_6 = np.cross(self._meeting - self._origins[5], self._axes[5])
         self._offset = float(np.linalg.norm(from_6))
         # without an offset of the shoulder, turned by half a turn it puts axis 4 on the same line
-        one, other = self._sides(*np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, 20)))
+        _, one, other = self._sides(*np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, 20)))
         self._mirrored = bool(np.allclose(one, other, rtol=1e-9))
         steps = [*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]]
         self._stretched_m = float(np.linalg.norm(steps, axis=1).sum())
+        self._back = [_turning_back(a) for a in (self._axes[0], self._axes[1], self._axes[3])]
         self._grid = TURN * np.arange(_GRID) / _GRID
 
     @classmethod
@@ -167,16 +172,18 @@ class OffsetWrist(InverseKinematics):
         # farther than all lengths in a row nothing is reached, and numbers overflow at last
         within = np.flatnonzero(np.abs(T_base_tip[:, :3, 3]).max(axis=1) <= self._stretched_m)
         G = self._moved(T_base_tip)
-        row, angle = _zeros(self._polynomial(G[within]))
+        polynomial, low = self._polynomial(G[within])
+        row, angle = _zeros(polynomial)
         pose = within[row]
-        q, of, miss = self._from_joint_6(G[pose], angle)
-        kept = np.abs(miss) < _MISS
-        above, pose_above = self._above_base(G[within])
-        start = np.concatenate([q[kept], above])
-        of = np.concatenate([pose[of[kept]], within[pose_above]])
-        near_by = np.concatenate([np.abs(miss[kept]) < _NEAR_BY, np.ones(len(above), dtype=bool)])
-        start = self._with_wrist(start, T_base_tip[of])
-        return each_once(*polished(self._chain, start, of, T_base_tip, near_by))
+        start, at, miss = self._from_joint_6(G[pose], angle)
+        of, near_by = pose[at], miss < _NEAR_BY
+        low = within[low]
+        if len(low):
+            above, at = self._above_base(G[low])
+            start, of = np.concatenate([start, above]), np.concatenate([of, low[at]])
+            near_by = np.concatenate([near_by, np.ones(len(above), dtype=bool)])
+        start = self._with_wrist(start, G[of])
+        return polished(self._chain, start, of, T_base_tip, near_by)
 
     def _moved(self, T_base_tip: FloatArray) -> FloatArray:
         """What joints 1 to 6 do to the tip at zero, ``(N, 3, 4)``, in the frame of axis 2."""
@@ -260,38 +267,62 @@ class OffsetWrist(InverseKinematics):
                 miss = (c * a4x - s * a4y) * v[0] + (s * a4x + c * a4y) * v[1] + a4z * v[2]
                 yield _Branch(turn_1, (c, s), (x, y), miss - right)
 
-    def _polynomial(self, G: FloatArray) -> NDArray[np.complex128]:
+    def _polynomial(self, G: FloatArray) -> tuple[NDArray[np.complex128], IntArray]:
         """Coefficients ``(N, degree + 1)`` of the polynomial: see :func:`_zeros`.
+
+        And the rows ``(K,)`` whose wrist's point may come as close to axis 1 as
+        :data:`_ABOVE_BASE`.
 
         A general six-axis arm has at most 16 postures (E. J. F. Primrose, Mechanism and Machine
         Theory 21 (1986) 509-512), so that degree 8 is what is to be expected. With mirrored sides
         the product is a square, and one side of degree 4 has the same zeros.
         """
         W, b = self._around(G, _FIRST_SAMPLE_RAD + TURN * np.arange(_SAMPLES) / _SAMPLES)
-        one, other = self._sides(W, b)
+        square, one, other = self._sides(W, b)
+        # the point goes round a circle about axis 6, and half a step on it from the next sample
+        close = _ABOVE_BASE * (self._l2 + self._l3) + self._offset * np.pi / _SAMPLES
+        low = np.flatnonzero(square.reshape(len(G), _SAMPLES).min(axis=1) < close**2)
         product = one if self._mirrored else one * other
         degree = _DEGREE // 2 if self._mirrored else _DEGREE
         samples = np.nan_to_num(product.real, posinf=0.0, neginf=0.0).reshape(len(G), _SAMPLES)
         found = np.fft.fft(samples, axis=1)[:, : degree + 1]
         found *= np.exp(-1j * _FIRST_SAMPLE_RAD * np.arange(degree + 1)) / _SAMPLES
         found[:, 1:] *= 2.0
-        return np.asarray(found)
+        return np.asarray(found), low
 
-    def _sides(self, W: FloatArray, b: FloatArray) -> list[Numbers]:
-        """Product of the misses of both elbows, of each side of the shoulder: two arrays (K,)."""
+    def _sides(self, W: FloatArray, b: FloatArray) -> tuple[FloatArray, Numbers, Numbers]:
+        """Squared distance [m²] from axis 1, and products of the misses of both elbows ``(K,)``.
+
+        One product of each side of the shoulder.
+        """
         square = (self._shoulder(W)[2] ** 2).sum(axis=0)
         one, other = self._branches(W, b, _complex_root)
         both = one.miss * other.miss * (one.p[0] ** 2 + one.p[1] ** 2)
-        return list(both.reshape(2, -1) * square)
+        one, other = both.reshape(2, -1) * square
+        return square, one, other
 
     def _from_joint_6(
         self, G: FloatArray, angle: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Postures ``(4 K, 6)`` without joints 4 and 5, their rows, and what they miss by."""
-        branches = list(self._branches(*self._wrist(G, angle), _real_root))
-        q = np.concatenate([self._posture(branch, np.tile(angle, 2)) for branch in branches])
-        miss = np.concatenate([branch.miss for branch in branches])
-        return q, np.tile(np.arange(len(angle)), 4), miss
+        """Postures ``(S, 6)`` without joints 4 and 5, their rows of K, and what they miss by.
+
+        Those that may be answers. Where joint 6 is exact for one branch it is for all that have an
+        answer there: others that come close have theirs at another zero.
+        """
+        elbows = list(self._branches(*self._wrist(G, angle), _real_root))
+        miss = np.abs([branch.miss for branch in elbows]).reshape(4, -1)
+        best = np.fmin.reduce(miss, axis=0)
+        rank, at = np.nonzero(miss < np.where(best < _EXACT_MISS, _SAME_ZERO, _MISS))
+        flat = rank * len(angle) + at
+        turn_1, turn_23, p = (
+            (
+                np.concatenate([c for c, _ in pairs])[flat],
+                np.concatenate([s for _, s in pairs])[flat],
+            )
+            for pairs in zip(*(e[:3] for e in elbows), strict=True)
+        )
+        branch = _Branch(turn_1, turn_23, p, miss[rank, at])
+        return self._posture(branch, angle[at]), at, branch.miss
 
     def _posture(self, branch: _Branch, joint_6: FloatArray) -> FloatArray:
         (c, s), (x, y), f = branch.turn_23, branch.p, self._fore
@@ -304,17 +335,19 @@ class OffsetWrist(InverseKinematics):
         q[:, 5] = joint_6
         return q
 
-    def _with_wrist(self, q: FloatArray, T_wanted: FloatArray) -> FloatArray:
-        """Postures with joints 4 and 5, from the rotation that joints 1 to 3 and 6 leave."""
+    def _with_wrist(self, q: FloatArray, G: FloatArray) -> FloatArray:
+        """Postures with joints 4 and 5, by where axes 5 and 6 point in motions ``(S, 3, 4)``."""
         q = q.copy()
-        state = self._ideal.forward(q)
-        R = T_wanted[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
-        a4, a5, a6 = (state.axes[:, j] for j in (3, 4, 5))
-        wanted = R @ state.axes[:, 4:].transpose(0, 2, 1)  # where axes 5 and 6 point at last
-        turn = angle_about(a5, across(wanted[..., 0], a4), a4)
-        a5, a6 = rotated(a5, a4, turn), rotated(a6, a4, turn)
-        q[:, 3] += turn
-        q[:, 4] += angle_about(a6, across(wanted[..., 1], a5), a5)
+        turns = q[:, 0], q[:, 1] + np.sign(self._axes[2][2]) * q[:, 2]
+        wanted = np.empty((len(q), 3, 2))
+        wanted[..., 0], wanted[..., 1] = self._turned_back(q[:, 5])[1], self._axes[5]
+        wanted = G[..., :3] @ wanted
+        for angle, back in zip(turns, self._back, strict=False):
+            wanted = _rotations(back, angle) @ wanted  # as the forearm sees them
+        a4, a5, a6 = self._axes[3:]
+        q[:, 3] = _angles(a4, a5, wanted[..., 0])
+        wanted = _rotations(self._back[2], q[:, 3]) @ wanted
+        q[:, 4] = _angles(a5, a6, wanted[..., 1])
         return q
 
     def _above_base(self, G: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -426,6 +459,23 @@ def _parabola_zeros(low: FloatArray, mid: FloatArray, high: FloatArray) -> list[
     with np.errstate(divide="ignore", invalid="ignore"):
         zeros = half / a, mid / half
     return [np.clip(np.nan_to_num(x), -1.0, 1.0) for x in zeros]
+
+
+def _turning_back(axis: FloatArray) -> FloatArray:
+    """Rotations about a unit vector by an angle, back: parts (3, 9) by 1, cosine and sine."""
+    along = np.outer(axis, axis)
+    return np.stack([along, np.eye(3) - along, -skew(axis)]).reshape(3, 9)
+
+
+def _rotations(parts: FloatArray, angle: FloatArray) -> FloatArray:
+    """Rotations ``(K, 3, 3)`` of parts by 1, cosine and sine of angles ``(K,)`` [rad]."""
+    turns = np.stack([np.ones(len(angle)), np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray((turns @ parts).reshape(-1, 3, 3))
+
+
+def _angles(n: FloatArray, a: FloatArray, v: FloatArray) -> FloatArray:
+    """Angles ``(K,)`` [rad] about a unit vector n from a to vectors ``(K, 3)``."""
+    return np.asarray(np.arctan2(v @ np.cross(n, a), v @ (a - (n @ a) * n)))
 
 
 def _complex_root(x: Numbers) -> Numbers:

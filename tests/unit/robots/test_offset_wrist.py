@@ -271,7 +271,7 @@ def test_the_polynomial_has_the_degree_of_sixteen_postures(robot, monkeypatch):
     assert solver._mirrored == (robot.name in ("crx10ial", "hc10dt"))
     monkeypatch.setattr(offset_wrist, "_DEGREE", 12 * 8 // degree)
     monkeypatch.setattr(offset_wrist, "_SAMPLES", 64)
-    size = np.abs(solver._polynomial(G))
+    size = np.abs(solver._polynomial(G)[0])
     assert size.shape == (20, 13)
     assert (size[:, degree] > 1e-9 * size.max(axis=1)).all()
     assert (size[:, degree + 1 :] < 1e-13 * size.max(axis=1, keepdims=True)).all()

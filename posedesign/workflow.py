@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from posedesign.acceptance.drift import Recheck
     from posedesign.acceptance.file import AcceptanceFile
     from posedesign.hand_eye import Asked, Calibrated, Sightings
+    from posedesign.hand_eye.pairs.transforms import FrameNames
     from posedesign.hand_eye.pictures import PictureSet
     from posedesign.identification import Identified
     from posedesign.identification.instruments import Measured
@@ -384,12 +385,13 @@ def calibrate_from_pictures(
     advance: Advance = lambda what, part: None,
     *,
     transforms: bool = False,
+    frames: FrameNames | None = None,
 ) -> tuple[Calibrated, list[Path]]:
     """Calibrate a camera as :func:`calibrate_camera` does, and draw pictures, poses and residuals.
 
     Where the calibration fails, the pictures are drawn with what was found in them.
     ``transforms``: write camera, board and lens for other tools, too, where nothing looks wrong.
-    Returns the files that were written with it.
+    ``frames``: names of the frames in them. Returns the files that were written with it.
     """
     from posedesign.hand_eye import CAMERA_FILES, board_of, calibrate_camera
     from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
@@ -423,7 +425,7 @@ def calibrate_from_pictures(
         info, opencv = for_others
         write_text_atomic(info, camera_info(found.result.lens))
         write_json_atomic(opencv, opencv_lens(found.result.lens))
-        write_transforms(placed, found.result, asked.camera)
+        write_transforms(placed, found.result, asked.camera, frames)
         files += [claim.path for claim in (*for_others, *placed)]
     else:
         results.remove(*LENS_FILES, *TRANSFORMS)

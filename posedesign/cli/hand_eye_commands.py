@@ -29,6 +29,16 @@ POSES_ARE = (
     "quaternion-xyzw. Then mm or m, deg or rad, inverse."
 )
 
+FrameWords = Annotated[
+    str,
+    typer.Option(
+        "--frames",
+        help="Names of the frames in the files of --transforms, say "
+        "base=base_link,flange=tool0,camera=camera_optical_frame,target=tag; default: the links of "
+        "the robot where they are known, else base, flange, camera, target.",
+    ),
+]
+
 _LENS_OF_BAG = "camera_info"
 """In place of a file: the lens that a bag has."""
 
@@ -145,6 +155,7 @@ def robot_world(
             "camera.calib (easy_handeye2), transforms.json (cv2.FileStorage).",
         ),
     ] = False,
+    frames: FrameWords = "",
     as_json: output.AsJson = False,
     verbose: output.Verbose = False,
     trust_units: Annotated[
@@ -161,7 +172,12 @@ def robot_world(
     from posedesign.hand_eye.pairs import PairSource
     from posedesign.hand_eye.pairs import results as pair_results
     from posedesign.hand_eye.pairs.certificate import refuse_uncertifiable
-    from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
+    from posedesign.hand_eye.pairs.transforms import (
+        TRANSFORMS,
+        FrameNames,
+        claim_transforms,
+        write_transforms,
+    )
     from posedesign.report.network import told_in_part
     from posedesign.report.pairs import answer_of_pairs, solve_and_draw
 
@@ -169,6 +185,7 @@ def robot_world(
     source = PairSource(
         pairs, a, b, *named, unit, invert, convention, trust_units, camera, poses_are
     )
+    called = FrameNames().said(listed(frames))
     methods = pair_results.methods_of(method)
     refuse_unfit_noise(methods, noise_deg, noise_mm, noise_on)
     if certify:
@@ -211,12 +228,14 @@ def robot_world(
     files = [str(out / name) for name in made if (out / name).is_file()]
     trusted = outcomes[0].result if pair_results.reached(outcomes) else None
     if claims and trusted is not None:
-        write_transforms(claims, trusted, camera)
+        write_transforms(claims, trusted, camera, called)
         files += [str(claim.path) for claim in claims]
     else:
         results.remove(*TRANSFORMS)
     inverted = invert in ("b", "both")
-    answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
+    answer = answer_of_pairs(
+        outcomes, camera, found, files, opencv=opencv, inverted=inverted, names=called
+    )
     content = [pair_results.outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
     good = pair_results.reached(outcomes)
     return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
@@ -439,6 +458,7 @@ def camera(
             "OpenCV, camera_info.yaml.",
         ),
     ] = False,
+    frames: FrameWords = "",
     as_json: output.AsJson = False,
     verbose: output.Verbose = False,
     trust_units: output.TrustUnits = False,
@@ -454,6 +474,7 @@ def camera(
     from posedesign.hand_eye import Asked
     from posedesign.hand_eye.board_files import board_said, cell_of
     from posedesign.hand_eye.calibration import board_of, result_as_dict
+    from posedesign.hand_eye.pairs.transforms import FrameNames
     from posedesign.hand_eye.pictures import cameras_in, read_picture_set
     from posedesign.hand_eye.recordings.bags import is_bag
     from posedesign.report.hand_eye import answer_of_camera
@@ -467,6 +488,8 @@ def camera(
     loaded = cell_of(target) if cell is None else Cell.load(cell)
     board = board_said(target) if target else board_of(loaded)  # said before all else
     robot = None if cell is None else loaded.robot
+    ends = (listed(tf or "") if robot is None or tf else [robot.base_frame, robot.tip_frame])[:2]
+    called = (FrameNames().arm(*ends) if len(ends) == 2 else FrameNames()).said(listed(frames))
     of_bag = {
         "image_topic": image_topic,
         "joint_topic": joint_topic,
@@ -504,12 +527,15 @@ def camera(
         )
         for name, own in cameras_in(pictures).items()
     }
+    if not tf and any(own.postures is None for own in shown.values()):
+        # poses of a controller are in a base of its own, which need not be that of the links
+        called = FrameNames().said(listed(frames))
     with output.progress("calibrating the camera", with_time_left=True) as advance:
         found, files = calibrate_from_pictures(
-            loaded, shown, asked, results, advance, transforms=transforms
+            loaded, shown, asked, results, advance, transforms=transforms, frames=called
         )
     return output.tell(
-        answer_of_camera(found, [str(path) for path in files]),
+        answer_of_camera(found, [str(path) for path in files], called),
         found.result.is_ok,
         verbose=verbose,
         first=output.rehearsed_words(table),

@@ -17,7 +17,7 @@ from posedesign.hand_eye.calibration import (
     picture_rows,
     result_as_dict,
 )
-from posedesign.hand_eye.pairs.transforms import forms_of
+from posedesign.hand_eye.pairs.transforms import FrameNames, forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 from posedesign.report.drawing import BLUE
@@ -36,8 +36,14 @@ SIGNIFICANT = 4.0
 """Standard deviations from which on pictures were taken at another moment than joints were read."""
 
 
-def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answer:
-    """The answer: where cameras and boards are, how surely, the lens, what does not fit."""
+def answer_of_camera(
+    calibrated: Calibrated, files: Sequence[str] = (), names: FrameNames | None = None
+) -> Answer:
+    """The answer: where cameras and boards are, how surely, the lens, what does not fit.
+
+    ``names``: of the frames, for the forms of other programs.
+    """
+    called = (names or FrameNames()).of
     result = calibrated.result
     used, every = int(result.used.sum()), len(result.names)
     shown: dict[str, str] = {}
@@ -82,7 +88,7 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
         details=[
             f"{frame.name}, {form}: {text}"
             for frame in result.frames
-            for form, text in forms_of(frame.T, frame.parent, frame.label).items()
+            for form, text in forms_of(frame.T, called(frame.parent), called(frame.label)).items()
         ],
         tables=[
             Table("Parameters", parameter_rows(result)),

@@ -28,7 +28,7 @@ from posedesign.hand_eye.pairs.results import (
     solver_row,
     warnings_of,
 )
-from posedesign.hand_eye.pairs.transforms import forms_of
+from posedesign.hand_eye.pairs.transforms import FrameNames, forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 
@@ -78,8 +78,13 @@ def answer_of_pairs(
     *,
     opencv: bool = False,
     inverted: bool = False,
+    names: FrameNames | None = None,
 ) -> Answer:
-    """The answer of the solvers: X and Z of the first, and what the others say of it."""
+    """The answer of the solvers: X and Z of the first, and what the others say of it.
+
+    ``names``: of the frames, for the forms of other programs.
+    """
+    called = (names or FrameNames()).of
     frames = FRAMES[camera]
     rows = [solver_row(outcome) for outcome in outcomes]
     first, row = outcomes[0], rows[0]
@@ -111,7 +116,7 @@ def answer_of_pairs(
     details += remarks_of(outcomes)
     if first.result is not None:
         for letter, T, title in (("X", first.result.X, frames.X), ("Z", first.result.Z, frames.Z)):
-            parent, child = title.partition(":")[0].split("_")[1:]
+            parent, child = map(called, title.partition(":")[0].split("_")[1:])
             forms = forms_of(T, parent, child)
             details += [f"{letter}, {form}: {text}" for form, text in forms.items()]
     if pairs is not None and not (opencv or inverted):

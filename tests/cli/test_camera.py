@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from defusedxml import ElementTree
 
 from calib.lens import Lens
 from calib.se3 import quaternion_from_rotation, rotation_exp, transform, wpr_from_rotation
@@ -96,6 +97,13 @@ def errors_in_sigmas(frame: dict, true: np.ndarray) -> np.ndarray:
     return (np.array(frame["xyz_mm"]) - 1e3 * true[:3, 3]) / frame["sigma_xyz_mm"]
 
 
+def _link_and_parent(urdf: Path) -> tuple[str | None, str | None]:
+    """The camera's link in a ``camera.urdf``, and the link that it is mounted on."""
+    root = ElementTree.parse(urdf).getroot()
+    (link,), (parent,) = root.findall("link"), root.findall("joint/parent")
+    return link.get("name"), parent.get("link")
+
+
 def test_a_camera_is_calibrated(there, glance):
     with rendering():
         said = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--transforms")
@@ -114,6 +122,7 @@ def test_a_camera_is_calibrated(there, glance):
     drawn = [f"{stem}.{ending}" for stem in ("camera", "camera_poses") for ending in ("png", "svg")]
     for name in (*drawn, "camera_info.yaml", "lens.json", "camera.urdf"):
         assert (there / name).stat().st_size > 100
+    assert _link_and_parent(there / "camera.urdf") == ("camera", "tool0")
     np.testing.assert_allclose(read_lens(there / "camera_info.yaml").values, lens.values, atol=1e-9)
     with (there / "camera_pictures.csv").open() as file:
         columns = next(line for line in file if not line.startswith("#")).strip().split(",")
@@ -122,10 +131,13 @@ def test_a_camera_is_calibrated(there, glance):
     # and the lens by itself is taken as known
     said = glance(
         "camera", "cell.toml", "pictures", "--joints", "joints.csv", "--lens", "camera.json",
-        "--out", "known",
+        "--out", "known", "--transforms", "--frames", "flange=wrist,camera=eye_optical",
     )  # fmt: skip
     assert said.code == 0, said.err
     assert "lens: as given" in said.out
+    assert _link_and_parent(there / "known/camera.urdf") == ("eye_optical", "wrist")
+    called = json.loads((there / "known/transforms.json").read_text())["frames"]
+    assert called["base"] == "base_link"
 
     assert glance("report", ".").code == 0
     page = (there / "report.html").read_text()
@@ -166,8 +178,11 @@ def test_a_target_of_kalibr_takes_the_place_of_the_board(there, glance):
 
 
 def test_poses_of_the_flange_do_as_well(there, glance):
-    said = glance("camera", "cell.toml", "pictures", "--joints", "flange.csv", "--json")
+    words = ("camera", "cell.toml", "pictures", "--joints", "flange.csv", "--transforms", "--json")
+    said = glance(*words)
     assert said.code == 0, said.err
+    # the base of a controller need not be that of the links
+    assert _link_and_parent(there / "camera.urdf") == ("camera", "flange")
     found = json.loads(said.out)
     assert np.abs(errors_in_sigmas(found["T_flange_camera"], X)).max() < 4.0
     said = glance(

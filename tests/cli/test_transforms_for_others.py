@@ -1,5 +1,7 @@
 """What ``robot-world --transforms`` writes, as the programs that it is for read it."""
 
+import json
+import re
 import shlex
 from argparse import ArgumentParser
 from pathlib import Path
@@ -16,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from calib.robot_world import PairNoise, add_noise, random_problems
 from calib.se3 import FloatArray
 from posedesign.hand_eye.pairs import Pairs, write_pairs
+from posedesign.hand_eye.pairs.transforms import FrameNames
 from tests.cli.conftest import rows_of
 
 CAMERAS = {"on-flange": ("flange camera", "base target"), "fixed": ("flange target", "base camera")}
@@ -157,3 +160,75 @@ def test_what_is_not_to_be_trusted_goes_nowhere_and_leaves_nothing_old(cli, solv
     said = cli("robot-world", pairs, "--method", "ml", "--transforms", "--out", folder)
     assert said.code == 1
     assert not any((folder / name).exists() for name in FILES)
+
+
+NAMED = {"base": "base_link", "flange": "tool0", "camera": "ns/camera-1.optical", "target": "tag_7"}
+
+
+@both_cameras
+def test_frames_have_the_names_of_a_tree_in_every_file(cli, solved):
+    """The transforms stay, and so do the keys of the file for OpenCV: a map has the names."""
+    camera, folder, expected = solved
+    words = ",".join(f"{frame}={name}" for frame, name in NAMED.items())
+    typed = ("robot-world", folder / "pairs.csv", "--method", "ml", "--camera", camera)
+    said = cli(*typed, "--transforms", "--frames", words, "--out", folder, "--verbose")
+    assert said.code == 0, said.err
+    links = [tuple(NAMED[frame] for frame in frames.split()) for frames in expected]
+    parent, camera_frame = NAMED[camera_of(expected)[0]], NAMED["camera"]
+    for a, b in links:
+        assert f"--frame-id {a} --child-frame-id {b}" in said.out + said.err
+    nodes = ElementTree.parse(folder / "transforms.launch.xml").getroot().findall("node")
+    ends = [shlex.split(node.get("args", ""))[-4:] for node in nodes]
+    assert [(a, b) for _, a, _, b in ends] == links
+    assert all(re.fullmatch(r"[A-Za-z_]\w*", node.get("name", "")) for node in nodes)
+    (node,) = ElementTree.parse(folder / "camera.launch").getroot().findall("node")
+    assert node.get("args", "").split()[-2:] == [parent, camera_frame]
+    model = pinocchio.buildModelFromXML(
+        (folder / "camera.urdf").read_text().replace("<link", f'<link name="{parent}"/><link', 1)
+    )
+    placed = model.frames[model.getFrameId(camera_frame)].placement.homogeneous
+    np.testing.assert_allclose(placed, camera_of(expected)[1], atol=WRITTEN)
+    parameters = yaml.full_load((folder / "camera.calib").read_text())["parameters"]
+    keys = ("robot_base_frame", "robot_effector_frame", "tracking_base_frame")
+    assert [parameters[key] for key in (*keys, "tracking_marker_frame")] == list(NAMED.values())
+    storage = cv2.FileStorage(str(folder / "transforms.json"), cv2.FILE_STORAGE_READ)
+    for frames, T in expected.items():
+        read = storage.getNode("T_" + frames.replace(" ", "_")).mat()
+        np.testing.assert_allclose(read, T, atol=1e-9)
+    for frame, name in NAMED.items():
+        assert storage.getNode("frames").getNode(frame).string() == name
+
+
+@pytest.mark.parametrize("solved", ["on-flange"], indirect=True)
+def test_without_names_the_file_for_opencv_has_matrices_only(solved):
+    _, folder, _ = solved
+    content = json.loads((folder / "transforms.json").read_text())
+    assert content.keys() == {"origin", "T_flange_camera", "T_base_target"}
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        ("bas=x", ("there is no frame 'bas'", "did you mean base?")),
+        ("world=x", ("there is no frame 'world'", "known: base, flange, camera, target")),
+        ("base", ("'base' is not a frame and its name", "say base=base_link,")),
+        ("base=", ("ROS takes no frame ''",)),
+        ("base=/world", ("ROS takes no frame '/world'", "not before them")),
+        ("base=a b", ("ROS takes no frame 'a b'",)),
+        ("camera=-x", ("ROS takes no frame '-x'",)),
+        ('camera=c"/><x y="', ("ROS takes no frame",)),
+        ("camera=$(env HOME)", ("ROS takes no frame",)),
+        ("base=a,base=b", ("base is named twice",)),
+        ("base=flange", ("base and flange are both called flange", "a name of its own")),
+    ],
+)
+def test_names_that_are_none_are_refused_before_any_work(refuse, tmp_path, frames, said):
+    refuse("robot-world", tmp_path / "none.csv", "--frames", frames).says("--frames: ", *said)
+
+
+def test_links_that_ros_would_not_take_leave_the_usual_names():
+    usual = FrameNames()
+    assert usual.arm("base_link", "tool0").of("flange") == "tool0"
+    for base, flange in (("base link", "tool0"), ("base_link", "/tool0"), ("same", "same")):
+        assert usual.arm(base, flange) == usual
+    assert usual.of("board") == "board"

@@ -64,7 +64,11 @@ def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("/cam/image/compressed", r.COMPRESSED, t + 0.03, r.compressed(t, picture, ".png"))
         for t, picture in zip(times, pictures, strict=True)
     ]
-    r.write_bag(folder / "sqlite3", "sqlite3", [*small, *poses])
+    tree = [
+        ("/tf", r.TF, t + 0.001, r.transforms(r.transform_stamped(t, T, "base_link", "tool0")))
+        for t, T in zip(arm, loaded.robot.fk(joints), strict=True)
+    ]
+    r.write_bag(folder / "sqlite3", "sqlite3", [*small, *poses, *tree])
     writer = cv2.VideoWriter(
         str(folder / "run.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), run.rate_hz, (640, 480)
     )
@@ -123,6 +127,15 @@ def test_a_bag_of_poses_needs_no_cell(there, done):
     check_frames(json.loads((there / "run" / "camera.json").read_text()))
     done("camera", "run/pictures", "--poses", "run/poses.csv", "--target", BOARD, "--out", "folder")
     check_same(there / "run", there / "folder")
+
+
+def test_frames_of_a_tree_are_named_as_in_the_tree(there, done):
+    words = ("--bag", "sqlite3", "--target", BOARD, "--tf", "base_link,tool0", "--transforms")
+    done("camera", *words, "--frames", "target=board_1", "--out", "run")
+    check_frames(json.loads((there / "run" / "camera.json").read_text()))
+    content = json.loads((there / "run" / "transforms.json").read_text())
+    names = {"base": "base_link", "flange": "tool0", "camera": "camera", "target": "board_1"}
+    assert content["frames"] == names
 
 
 def test_the_lens_of_the_bag_is_taken_as_known(there, done):

@@ -126,3 +126,23 @@ def test_no_order_of_the_pictures_is_a_move(request, name):
     rng = np.random.default_rng(5)
     said = [calibrate(shuffled(pictures, rng)).warnings for _ in range(30)]
     assert sum(any("moved" in text for text in texts) for texts in said) <= 1
+
+
+def test_halves_of_the_pictures_are_calibrated_with(chessboard, charuco):
+    """Eight pictures in a random order: nothing was moved, and what prints are off is estimated."""
+    rng = np.random.default_rng(0)
+    for pictures in (chessboard, charuco):
+        told = np.flatnonzero(np.isfinite(pictures.pixels).all(axis=-1).sum(axis=1) > 7)
+        for _ in range(6):
+            half = rng.permutation(told)[: len(told) // 2]
+            result = calibrate(
+                Pictures(
+                    pictures.robot,
+                    pictures.postures[half],
+                    pictures.pixels[half],
+                    pictures.board,
+                    pictures.size_px,
+                    pictures.carried,
+                )
+            )
+            assert result.is_ok, result.warnings

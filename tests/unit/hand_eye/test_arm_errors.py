@@ -54,7 +54,7 @@ def test_zero_offsets_are_taken_into_account_by_themselves(carried):
     assert np.abs(in_sigmas(result, arm)).max() < 4.0
     fresh = arm.views(100, rng)
     held_out = np.sqrt(np.mean(arm.apart(fresh, result.X, result.Z) ** 2))
-    assert result.point_sigma_m == pytest.approx(held_out, rel=0.5)
+    assert held_out == pytest.approx(result.point_sigma_m, rel=0.5)
     # and corrected it is far better
     assert result.corrected_point_sigma_m < 0.3 * result.point_sigma_m
     without = calibrate(pictures)

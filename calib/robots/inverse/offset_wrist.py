@@ -17,13 +17,12 @@ search.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.batch_last import cross
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain
 from calib.robots.inverse.closed_form import polished
@@ -84,12 +83,15 @@ Numbers = NDArray[Any]
 """Real ones, or those of complex branches."""
 
 
-class _Branch(NamedTuple):
-    """Joints 1 to 3 of one branch, and what its axis 4 misses by: arrays (K,)."""
+class _Branches(NamedTuple):
+    """Joints 1 to 3 of all branches at K angles, and what their axes 4 miss by.
 
-    turn_1: tuple[Numbers, Numbers]  # cosine and sine
+    Arrays ``(2, sides, K)``: both elbows, and one or both sides of the shoulder.
+    """
+
+    turn_1: tuple[Numbers, Numbers]  # (sides, K): cosine and sine
     turn_23: tuple[Numbers, Numbers]  # of the forearm about axis 2
-    p: tuple[Numbers, Numbers]  # from axis 2 to the wrist's point, across axis 2
+    p: tuple[Numbers, Numbers]  # (sides, K): from axis 2 to the wrist's point, across axis 2
     miss: Numbers
 
 
@@ -107,7 +109,12 @@ class OffsetWrist(InverseKinematics):
         self._F = np.vstack([beside, np.cross(zero.axes[1], beside), zero.axes[1]])
         self._axes, self._origins = zero.axes @ self._F.T, zero.origins @ self._F.T
         self._meeting = self._F @ meeting
-        self._tip = zero.T_base_tip
+        self._from_tip = inverse(zero.T_base_tip)
+        self._from_tip[:, :3] = self._from_tip[:, :3] @ self._F.T
+        # parts of a vector (9, 3): along axis 1, across it, and that a quarter turn farther
+        a1 = self._axes[0]
+        along = np.outer(a1, a1)
+        self._about_1 = np.concatenate([along, np.eye(3) - along, skew(a1)])
         self._upper = (self._origins[2] - self._origins[1])[:2]
         self._fore = (self._meeting - self._origins[2])[:2]
         self._l2, self._l3 = float(np.hypot(*self._upper)), float(np.hypot(*self._fore))
@@ -120,7 +127,7 @@ class OffsetWrist(InverseKinematics):
         from_6 = np.cross(self._meeting - self._origins[5], self._axes[5])
         self._offset = float(np.linalg.norm(from_6))
         # without an offset of the shoulder, turned by half a turn it puts axis 4 on the same line
-        _, one, other = self._sides(*np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, 20)))
+        one, other = self._sides(*np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, 20)))[1]
         self._mirrored = bool(np.allclose(one, other, rtol=1e-9))
         steps = [*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]]
         self._stretched_m = float(np.linalg.norm(steps, axis=1).sum())
@@ -187,8 +194,7 @@ class OffsetWrist(InverseKinematics):
 
     def _moved(self, T_base_tip: FloatArray) -> FloatArray:
         """What joints 1 to 6 do to the tip at zero, ``(N, 3, 4)``, in the frame of axis 2."""
-        G = self._F @ (T_base_tip @ inverse(self._tip))[:, :3]
-        return np.concatenate([G[..., :3] @ self._F.T, G[..., 3:]], axis=-1)
+        return np.asarray(self._F @ (T_base_tip @ self._from_tip)[:, :3])
 
     def _wrist(self, G: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The wrist's point and the direction of axis 5 ``(3, K)`` at angles ``(K,)`` of joint 6.
@@ -212,60 +218,66 @@ class OffsetWrist(InverseKinematics):
         return W + self._origins[5], b
 
     def _shoulder(self, W: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The wrist's point about axis 1: from it, along it, and the equation of joint 1.
+        """Parts ``(9, K)`` of the wrist's point about axis 1, and the equation of joint 1.
 
-        ``A cos - B sin = C``, which keeps the place along axis 2. Arrays (3, K), (3, K), (2, K)
-        with A and B, and (K,) with C.
+        ``A cos - B sin = C``, which keeps the place along axis 2: arrays (K,).
         """
-        a1, o1 = self._axes[0][:, None], self._origins[0][:, None]
-        along = a1 * (a1 * (W - o1)).sum(axis=0)
-        away = W - o1 - along
-        AB = np.stack([away[2], a1[0] * away[1] - a1[1] * away[0]])
-        return away, along, AB, self._meeting[2] - o1[2] - along[2]
+        parts = self._about_1 @ (W - self._origins[0][:, None])
+        return parts, parts[5], parts[8], self._meeting[2] - self._origins[0][2] - parts[2]
+
+    def _from_axis_1(self, W: FloatArray) -> FloatArray:
+        """Squared distance [m²] of the wrist's point from axis 1, along and across axis 2."""
+        _, A, B, _ = self._shoulder(W)
+        return A * A + B * B
 
     def _branches(
-        self, W: FloatArray, b: FloatArray, root: Callable[[Numbers], Numbers]
-    ) -> Iterator[_Branch]:
-        """Yield both elbows of both sides of the shoulder, arrays (2 K,), one side after the other.
+        self,
+        W: FloatArray,
+        b: FloatArray,
+        root: Callable[[Numbers], Numbers],
+        *,
+        one_side: bool = False,
+    ) -> _Branches:
+        """Both elbows of both sides of the shoulder, or of one.
 
         The square root of what is negative is as root has it.
         """
-        away, along, (A, B), C = self._shoulder(W)
+        parts, A, B, C = self._shoulder(W)
         square = A * A + B * B
         D = root(square - C * C)
-        away, along, b = (np.concatenate([v, v], axis=1) for v in (away, along, b))
+        D = D[None] if one_side else np.stack([D, -D])
         with np.errstate(divide="ignore", invalid="ignore"):
-            AC, BC, AD, BD = (x * y / square for y in (C, D) for x in (A, B))
-            turn_1 = np.concatenate([AC + BD, AC - BD]), np.concatenate([AD - BC, -AD - BC])
-        return self._elbows(away, along, b, turn_1, root)
+            turn_1 = (A * C + B * D) / square, (A * D - B * C) / square
+        return self._elbows(parts, b, turn_1, root)
 
     def _elbows(
         self,
-        away: FloatArray,
-        along: FloatArray,
+        parts: FloatArray,
         b: FloatArray,
         turn_1: tuple[Numbers, Numbers],
         root: Callable[[Numbers], Numbers],
-    ) -> Iterator[_Branch]:
-        """Both branches of joints 2 and 3 with joint 1 at a turn."""
-        a1, (cosine, sine) = self._axes[0][:, None], turn_1
-        b_along = a1 * (a1 * b).sum(axis=0)
-        u = along + away * cosine - cross(a1, away) * sine
-        v = b_along + (b - b_along) * cosine - cross(a1, b) * sine
-        x, y = (u[k] + self._origins[0][k] - self._origins[1][k] for k in (0, 1))
+    ) -> _Branches:
+        """Both branches of joints 2 and 3 with joint 1 at turns ``(sides, K)``."""
+        cosine, sine = turn_1
+        o1, o2 = self._origins[:2]
+        x, y = (
+            parts[k] + parts[k + 3] * cosine - parts[k + 6] * sine + (o1[k] - o2[k]) for k in (0, 1)
+        )
+        parts = self._about_1 @ b
+        vx, vy, vz = (parts[k] + parts[k + 3] * cosine - parts[k + 6] * sine for k in range(3))
         f, (a4x, a4y, a4z) = self._fore, self._axes[3]
         l2, l3, right = self._l2**2, self._l3**2, self._axes[3] @ self._axes[4]
         square = x * x + y * y
         K = (square + l3 - l2) / 2.0
         S = root(square * l3 - K * K)
+        S = np.stack([S, -S])
+        # the forearm turned, times the distance
+        fx, fy = K * x - S * y, K * y + S * x
         with np.errstate(divide="ignore", invalid="ignore"):
-            for side in (1.0, -1.0):
-                # the forearm turned, times the distance
-                fx, fy = K * x - side * S * y, K * y + side * S * x
-                c, s = (fx * f[0] + fy * f[1]), (fy * f[0] - fx * f[1])
-                c, s = c / (square * l3), s / (square * l3)
-                miss = (c * a4x - s * a4y) * v[0] + (s * a4x + c * a4y) * v[1] + a4z * v[2]
-                yield _Branch(turn_1, (c, s), (x, y), miss - right)
+            size = 1.0 / (square * l3)
+            c, s = (fx * f[0] + fy * f[1]) * size, (fy * f[0] - fx * f[1]) * size
+            miss = c * (a4x * vx + a4y * vy) + s * (a4x * vy - a4y * vx) + (a4z * vz - right)
+        return _Branches(turn_1, (c, s), (x, y), miss)
 
     def _polynomial(self, G: FloatArray) -> tuple[NDArray[np.complex128], IntArray]:
         """Coefficients ``(N, degree + 1)`` of the polynomial: see :func:`_zeros`.
@@ -278,11 +290,11 @@ class OffsetWrist(InverseKinematics):
         the product is a square, and one side of degree 4 has the same zeros.
         """
         W, b = self._around(G, _FIRST_SAMPLE_RAD + TURN * np.arange(_SAMPLES) / _SAMPLES)
-        square, one, other = self._sides(W, b)
+        square, sides = self._sides(W, b, one_side=self._mirrored)
         # the point goes round a circle about axis 6, and half a step on it from the next sample
         close = _ABOVE_BASE * (self._l2 + self._l3) + self._offset * np.pi / _SAMPLES
         low = np.flatnonzero(square.reshape(len(G), _SAMPLES).min(axis=1) < close**2)
-        product = one if self._mirrored else one * other
+        product = sides.prod(axis=0)
         degree = _DEGREE // 2 if self._mirrored else _DEGREE
         samples = np.nan_to_num(product.real, posinf=0.0, neginf=0.0).reshape(len(G), _SAMPLES)
         found = np.fft.fft(samples, axis=1)[:, : degree + 1]
@@ -290,16 +302,16 @@ class OffsetWrist(InverseKinematics):
         found[:, 1:] *= 2.0
         return np.asarray(found), low
 
-    def _sides(self, W: FloatArray, b: FloatArray) -> tuple[FloatArray, Numbers, Numbers]:
-        """Squared distance [m²] from axis 1, and products of the misses of both elbows ``(K,)``.
+    def _sides(
+        self, W: FloatArray, b: FloatArray, *, one_side: bool = False
+    ) -> tuple[FloatArray, Numbers]:
+        """Squared distance [m²] from axis 1 ``(K,)``, and products of the misses of both elbows.
 
-        One product of each side of the shoulder.
+        One product of each side of the shoulder, ``(sides, K)``.
         """
-        square = (self._shoulder(W)[2] ** 2).sum(axis=0)
-        one, other = self._branches(W, b, _complex_root)
-        both = one.miss * other.miss * (one.p[0] ** 2 + one.p[1] ** 2)
-        one, other = both.reshape(2, -1) * square
-        return square, one, other
+        square = self._from_axis_1(W)
+        _, _, (x, y), miss = self._branches(W, b, _complex_root, one_side=one_side)
+        return square, miss[0] * miss[1] * (x * x + y * y) * square
 
     def _from_joint_6(
         self, G: FloatArray, angle: FloatArray
@@ -309,26 +321,22 @@ class OffsetWrist(InverseKinematics):
         Those that may be answers. Where joint 6 is exact for one branch it is for all that have an
         answer there: others that come close have theirs at another zero.
         """
-        elbows = list(self._branches(*self._wrist(G, angle), _real_root))
-        miss = np.abs([branch.miss for branch in elbows]).reshape(4, -1)
+        branches = self._branches(*self._wrist(G, angle), _real_root)
+        miss = np.abs(branches.miss).reshape(4, -1)
         best = np.fmin.reduce(miss, axis=0)
-        rank, at = np.nonzero(miss < np.where(best < _EXACT_MISS, _SAME_ZERO, _MISS))
-        flat = rank * len(angle) + at
-        turn_1, turn_23, p = (
-            (
-                np.concatenate([c for c, _ in pairs])[flat],
-                np.concatenate([s for _, s in pairs])[flat],
-            )
-            for pairs in zip(*(e[:3] for e in elbows), strict=True)
-        )
-        branch = _Branch(turn_1, turn_23, p, miss[rank, at])
-        return self._posture(branch, angle[at]), at, branch.miss
+        which, at = np.nonzero(miss < np.where(best < _EXACT_MISS, _SAME_ZERO, _MISS))
+        return self._postures(branches, which, at, angle[at]), at, miss[which, at]
 
-    def _posture(self, branch: _Branch, joint_6: FloatArray) -> FloatArray:
-        (c, s), (x, y), f = branch.turn_23, branch.p, self._fore
+    def _postures(
+        self, branches: _Branches, which: IntArray, at: IntArray, joint_6: FloatArray
+    ) -> FloatArray:
+        """Postures ``(S, 6)`` of the branches ``(S,)``, counted on, at indices ``(S,)`` of K."""
+        elbow, side = np.divmod(which, len(branches.p[0]))
+        (c, s), f = (v[elbow, side, at] for v in branches.turn_23), self._fore
+        x, y, cosine, sine = (v[side, at] for v in (*branches.p, *branches.turn_1))
         ux, uy = x - (c * f[0] - s * f[1]), y - (s * f[0] + c * f[1])
         q = np.zeros((len(joint_6), 6))
-        q[:, 0] = np.arctan2(branch.turn_1[1], branch.turn_1[0])
+        q[:, 0] = np.arctan2(sine, cosine)
         q[:, 1] = np.arctan2(uy, ux) - np.arctan2(self._upper[1], self._upper[0])
         way = np.sign(self._axes[2][2])  # of axis 3, along or against axis 2
         q[:, 2] = way * (np.arctan2(s, c) - q[:, 1])
@@ -352,24 +360,23 @@ class OffsetWrist(InverseKinematics):
 
     def _above_base(self, G: FloatArray) -> tuple[FloatArray, IntArray]:
         """Starts where the wrist's point comes so close to axis 1 that joint 1 can be any angle."""
-        square = (self._shoulder(self._around(G, self._grid)[0])[2] ** 2).sum(axis=0)
-        square = square.reshape(len(G), _GRID)
+        square = self._from_axis_1(self._around(G, self._grid)[0]).reshape(len(G), _GRID)
         before, after = np.roll(square, 1, axis=1), np.roll(square, -1, axis=1)
         row, k = np.nonzero((square <= before) & (square < after))
         low, mid, high = before[row, k], square[row, k], after[row, k]
         angle = self._grid[k] + 0.5 * TURN / _GRID * (low - high) / (low - 2.0 * mid + high)
-        AB = self._shoulder(self._wrist(G[row], angle)[0])[2]
-        close = (AB**2).sum(axis=0) < (_ABOVE_BASE * (self._l2 + self._l3)) ** 2
+        square = self._from_axis_1(self._wrist(G[row], angle)[0])
+        close = square < (_ABOVE_BASE * (self._l2 + self._l3)) ** 2
         if not close.any():
             return np.empty((0, 6)), np.empty(0, dtype=np.intp)
         row, G, angle = row[close], G[row[close]], angle[close]
 
-        def over_joint_1(at: IntArray, turn: FloatArray) -> tuple[FloatArray, list[_Branch]]:
+        def over_joint_1(at: IntArray, turn: FloatArray) -> tuple[FloatArray, _Branches]:
             return self._at_joint_1(G[at], angle[at], turn)
 
-        def over_joint_6(at: IntArray, beside: FloatArray) -> tuple[FloatArray, list[_Branch]]:
+        def over_joint_6(at: IntArray, beside: FloatArray) -> tuple[FloatArray, _Branches]:
             joint_6 = angle[at] + beside
-            return joint_6, list(self._branches(*self._wrist(G[at], joint_6), _real_root))
+            return joint_6, self._branches(*self._wrist(G[at], joint_6), _real_root)
 
         found = [
             self._swept(over_joint_1, _TURNS_OF_JOINT_1, len(row)),
@@ -382,7 +389,7 @@ class OffsetWrist(InverseKinematics):
 
     def _swept(
         self,
-        branches: Callable[[IntArray, FloatArray], tuple[FloatArray, list[_Branch]]],
+        branches: Callable[[IntArray, FloatArray], tuple[FloatArray, _Branches]],
         grid: FloatArray,
         count: int,
     ) -> tuple[FloatArray, IntArray]:
@@ -393,25 +400,20 @@ class OffsetWrist(InverseKinematics):
         """
         size = len(grid)
         cases, values = np.repeat(np.arange(count), size), np.tile(grid, count)
-        q, of = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
-        for k, branch in enumerate(branches(cases, values)[1]):
-            # a branch is both sides of the shoulder, one after the other, or one side
-            miss = branch.miss.reshape(-1, size)
-            low, mid, high = (np.roll(miss, shift, axis=1).ravel() for shift in (1, 0, -1))
-            least = (np.abs(mid) <= np.abs(low)) & (np.abs(mid) <= np.abs(high))
-            found = np.flatnonzero(least | (mid * high <= 0.0))
-            side, case = np.divmod(found // size, count)
-            for step in _parabola_zeros(low[found], mid[found], high[found]):
-                value = np.interp(found % size + step, np.arange(size), grid)
-                joint_6, again = branches(case, value)
-                postures = self._posture(again[k], np.resize(joint_6, len(again[k].miss)))
-                q.append(postures[side * len(found) + np.arange(len(found))])
-                of.append(case)
-        return np.concatenate(q), np.concatenate(of)
+        miss = branches(cases, values)[1].miss.reshape(-1, size)
+        low, mid, high = (np.roll(miss, shift, axis=1).ravel() for shift in (1, 0, -1))
+        least = (np.abs(mid) <= np.abs(low)) & (np.abs(mid) <= np.abs(high))
+        found = np.flatnonzero(least | (mid * high <= 0.0))
+        which, case = np.divmod(found // size, count)
+        q = []
+        for step in _parabola_zeros(low[found], mid[found], high[found]):
+            joint_6, there = branches(case, np.interp(found % size + step, np.arange(size), grid))
+            q.append(self._postures(there, which, np.arange(len(found)), joint_6))
+        return np.concatenate(q), np.tile(case, len(q))
 
     def _at_joint_1(
         self, G: FloatArray, near: FloatArray, turn: FloatArray
-    ) -> tuple[FloatArray, list[_Branch]]:
+    ) -> tuple[FloatArray, _Branches]:
         """Joint 6 ``(K,)`` [rad] that leaves the wrist's point to joint 1 at ``turn`` ``(K,)``.
 
         The angle nearest to ``near`` ``(K,)`` of motions ``(K, 3, 4)``; and both elbows there. The
@@ -419,8 +421,8 @@ class OffsetWrist(InverseKinematics):
         """
         cosine, sine = np.cos(turn), np.sin(turn)
         samples = np.asarray(TURN * np.arange(3) / 3.0)
-        _, _, (A, B), C = self._shoulder(self._around(G, samples)[0])
-        A, B, C = (v.reshape(-1, 3) for v in (A, B, C))
+        _, *equation = self._shoulder(self._around(G, samples)[0])
+        A, B, C = (v.reshape(-1, 3) for v in equation)
         values = A * cosine[:, None] - B * sine[:, None] - C
         c0 = values.mean(axis=1)
         c1, c2 = (values @ part / 1.5 for part in (np.cos(samples), np.sin(samples)))
@@ -429,8 +431,8 @@ class OffsetWrist(InverseKinematics):
         # of the two angles the one on the side of near
         angle = middle + np.copysign(half, np.sin(near - middle))
         W, b = self._wrist(G, angle)
-        away, along, _, _ = self._shoulder(W)
-        return angle, list(self._elbows(away, along, b, (cosine, sine), _real_root))
+        parts, *_ = self._shoulder(W)
+        return angle, self._elbows(parts, b, (cosine[None], sine[None]), _real_root)
 
     def _gap(self, T_base_tip: FloatArray) -> FloatArray:
         """Distance [m] from the wrist's point to where joints 1 to 3 can bring it, at best.
@@ -441,13 +443,12 @@ class OffsetWrist(InverseKinematics):
         if abs(self._axes[0][2]) > _PARALLEL:
             return np.full(len(T_base_tip), np.nan)
         W = self._around(self._moved(T_base_tip), self._grid)[0]
-        _, _, (A, B), C = self._shoulder(W)
+        _, A, B, C = self._shoulder(W)
         size = np.hypot(A, B)
         beside = np.maximum(np.abs(C) - size, 0.0)
-        branch = next(iter(self._branches(W, W, _real_root)))  # the elbow changes no distance
-        far = np.hypot(*branch.p)
+        far = np.hypot(*self._branches(W, W, _real_root).p)
         short = np.maximum(far - self._l2 - self._l3, abs(self._l2 - self._l3) - far)
-        sides = np.hypot(np.maximum(short, 0.0), np.tile(beside, 2)).reshape(2, -1, _GRID)
+        sides = np.hypot(np.maximum(short, 0.0), beside).reshape(2, -1, _GRID)
         gap = np.fmin(*sides).min(axis=1)
         return np.where(gap > 0.0, gap, np.nan)
 

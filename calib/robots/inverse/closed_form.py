@@ -56,7 +56,7 @@ class ClosedForm(InverseKinematics):
         self._solver, self._ideal = solver, ideal
         self._parallel = has_parallel_arm(ideal)
         least, times, most = _NEAR_MISS
-        self._near_miss = min(least + times * _apart(chain, ideal), most)
+        self._near_miss = min(least + times * tips_apart(chain, ideal), most)
 
     @classmethod
     def of(cls, chain: SerialChain) -> ClosedForm | None:
@@ -220,7 +220,7 @@ def _finds_all(chain: SerialChain, solver: EaikArm) -> bool:
     return len(np.unique(pose[own])) == len(q)
 
 
-def _apart(chain: SerialChain, other: SerialChain) -> float:
+def tips_apart(chain: SerialChain, other: SerialChain) -> float:
     """Return the largest distance [m, rad] between the tips of two arms in the same postures."""
     q = _some_postures(chain)
     return float(np.abs(pose_error(chain, q, other.forward(q).T_base_tip)).max())

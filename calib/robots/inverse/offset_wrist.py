@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain
-from calib.robots.inverse.closed_form import polished
+from calib.robots.inverse.closed_form import polished, tips_apart
 from calib.robots.inverse.ideal import ideals
 from calib.robots.inverse.solutions import InverseKinematics
 from calib.se3 import FloatArray, IntArray, inverse, skew
@@ -38,9 +38,12 @@ _FIRST_SAMPLE_RAD = 0.1234
 _GRID = 128
 """Angles of joint 6 at which the wrist's point is looked at for its place alone."""
 
-_NEAR_CIRCLE = 0.05
+_NEAR_CIRCLE, _OF_OTHER_ARM = 0.01, 0.05
 """Distance from the unit circle within which a root may be a zero: double ones lose half their
-digits, and those of a slightly different arm may have left it."""
+digits, six together five sixths. Those of a slightly different arm may have left it."""
+
+_LARGEST_SLOPE_STEP = 0.05
+"""Step [rad] towards a zero by the slope above which the slope says nothing."""
 
 _MISS = 0.02
 """Cosine by which axes 4 and 5 of a branch may miss their angle before it is closed in on. Joint 6
@@ -102,7 +105,8 @@ class OffsetWrist(InverseKinematics):
 
     def __init__(self, chain: SerialChain, ideal: SerialChain, meeting: FloatArray) -> None:
         super().__init__(chain)
-        self._ideal = ideal
+        exact = tips_apart(chain, ideal) < _PARALLEL
+        self._near_circle = _NEAR_CIRCLE if exact else _OF_OTHER_ARM
         zero = ideal.forward(np.zeros(6))
         beside = np.linalg.svd(zero.axes[1][None])[2][1]
         # axes of the frame in which axis 2 is the third
@@ -180,7 +184,7 @@ class OffsetWrist(InverseKinematics):
         within = np.flatnonzero(np.abs(T_base_tip[:, :3, 3]).max(axis=1) <= self._stretched_m)
         G = self._moved(T_base_tip)
         polynomial, low = self._polynomial(G[within])
-        row, angle = _zeros(polynomial)
+        row, angle = _zeros(polynomial, self._near_circle)
         pose = within[row]
         start, at, miss = self._from_joint_6(G[pose], angle)
         of, near_by = pose[at], miss < _NEAR_BY
@@ -488,7 +492,7 @@ def _real_root(x: Numbers) -> Numbers:
     return np.asarray(np.sqrt(np.maximum(x, 0.0)))
 
 
-def _zeros(c: Numbers) -> tuple[IntArray, FloatArray]:
+def _zeros(c: Numbers, near_circle: float) -> tuple[IntArray, FloatArray]:
     """Zeros of polynomials ``Re sum c_k exp(i k x)`` with ``(N, degree + 1)``, almost zeros too.
 
     Eigenvalues of the companion matrix of the polynomial in ``z = exp(i x)``: zeros lie on the
@@ -502,12 +506,12 @@ def _zeros(c: Numbers) -> tuple[IntArray, FloatArray]:
     companion[:, np.arange(1, 2 * degree), np.arange(2 * degree - 1)] = 1.0
     companion[:, 0] = -p[:, -2::-1] / p[:, -1:]
     z = np.linalg.eigvals(companion)
-    row, k = np.nonzero(np.abs(np.abs(z) - 1.0) < _NEAR_CIRCLE)
+    row, k = np.nonzero(np.abs(np.abs(z) - 1.0) < near_circle)
     x = np.angle(z[row, k])
     p = c[row]
     slopes = p * 1j * np.arange(degree + 1)
     value, slope = _value(p, x), _value(slopes, x)
-    step = np.where(np.abs(value) < _NEAR_CIRCLE * np.abs(slope), value / slope, 0.0)
+    step = np.where(np.abs(value) < _LARGEST_SLOPE_STEP * np.abs(slope), value / slope, 0.0)
     return row, x - step
 
 

@@ -129,7 +129,12 @@ def as_svg(figure: Figure) -> str:
         FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
             text, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
         )
-    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+    drawn = re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+    return _NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", drawn)
+
+
+_NOT_IN_XML = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")
+"""Characters that XML does not have (XML 1.0, 2.2): names of pictures may have them."""
 
 
 def error_by_poses(

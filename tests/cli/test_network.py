@@ -155,3 +155,18 @@ def test_rehearsed_pairs_are_said_before_any_answer(done, glance, demo_work, tmp
     assert said.code == 0, said.err
     assert said.out.startswith("SIMULATED, not for a robot")
     assert origin_of(tmp_path / "network.csv").kind == "simulated"
+
+
+@pytest.mark.parametrize("column", ["pose", "on_flange", "around", "arm"])
+def test_names_that_would_steer_a_terminal_are_refused(refuse, scene, tmp_path, column):
+    path = written(scene, tmp_path / "seen.csv")
+    table = read_table(path)
+    rows = [{**row.cells, column: row.cells[column] + "\x1b[31m"} for row in table.rows]
+    write_table(path, table.columns, rows)
+    line = refuse("network", path, "--out", tmp_path)
+    line.says(f"column {column}: ", "has a character that cannot be shown")
+
+
+def test_an_edge_is_named_with_what_can_be_shown(refuse, tmp_path):
+    line = refuse("network", "--edge", "cam\x1b[31m,tag=pairs.csv", "--out", tmp_path)
+    line.says("is not a name on the flange, a name around, and files")

@@ -18,6 +18,7 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, check_transforms
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import Row, Table, is_number, read_table, write_table
+from posedesign.files.measurements import check_label
 from posedesign.hand_eye.conventions import Convention
 from posedesign.hand_eye.pairs.forms import METRES, POSE_COLUMNS, PoseForm, Poses, read_poses_of
 
@@ -232,7 +233,14 @@ def read_numbers(path: Path, columns: Sequence[str] = (), *, bare: bool = False)
             "`poses_are`",
         )
     found, rows = _in_small_letters(path, found, rows)
+    for column in LABELS:
+        for row in rows if column in found else ():
+            check_label(path, row.line, row.cells[column], column)
     return replace(table, columns=found, rows=rows)
+
+
+LABELS = ("pose", "picture", "on_flange", "around", "arm")
+"""Columns with names, which are shown on terminals and written into figures."""
 
 
 def _table_of(path: Path, columns: Sequence[str]) -> Table:

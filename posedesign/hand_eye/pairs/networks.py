@@ -40,7 +40,12 @@ class EdgeFile:
         left, _, right = text.partition("=")
         names = [name.strip() for name in left.split(",")]
         files = [name.strip() for name in right.split(",")]
-        if len(names) not in (2, 3) or len(files) not in (1, 2) or not all((*names, *files)):
+        if (
+            len(names) not in (2, 3)
+            or len(files) not in (1, 2)
+            or not all((*names, *files))
+            or not all(map(str.isprintable, names))
+        ):
             raise InputError(
                 f"`edge` {text!r} is not a name on the flange, a name around, and files",
                 hint="say camera_1,tag_7=pairs.csv, or camera_1,tag_7,arm_2=A.csv,B.csv",

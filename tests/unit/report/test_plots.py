@@ -4,6 +4,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from defusedxml import ElementTree
+from matplotlib.figure import Figure
 
 import posedesign
 from calib.errors import InputError
@@ -150,3 +152,11 @@ def test_methods_beside_the_first_refused_ones_are_named():
     alone = figure_of_pairs(answers[:1], each)
     assert alone is not None
     assert len(panels(alone)) == 2
+
+
+def test_a_name_with_an_escape_leaves_a_drawing_that_can_be_read():
+    """XML has no such characters, and a browser shows nothing of a drawing with one."""
+    figure = Figure()
+    figure.suptitle("img\x1b[31m7.png")
+    root = ElementTree.fromstring(figures.as_svg(figure))
+    assert "img\ufffd[31m7.png" in "".join(root.itertext())

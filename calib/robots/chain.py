@@ -160,6 +160,9 @@ class Displacement(NamedTuple):
     rotation: FloatArray  # (3, 3, S) or (3, 3, 1): rows, then columns
 
 
+_TWO = slice(1, 3), slice(2, None, -2), slice(0, 2)
+"""The two columns that turn about each, in right-handed order."""
+
 _Terms = list[list[tuple[int, float]]]
 
 
@@ -308,12 +311,16 @@ class SerialChain:
         return joints
 
     @cached_property
-    def _mount(self) -> tuple[FloatArray, _Terms, list[tuple[int, float]]]:
+    def _slides(self) -> list[bool]:
+        slides: list[bool] = self.external.slides_of(self.n).tolist()
+        return slides
+
+    @cached_property
+    def _mount(self) -> tuple[_Terms, list[tuple[int, float]]]:
         """The tip in the frame that the last joint turns: rotation, and steps along its columns."""
         to_link, T = self._joints[-1].to_link, self.T_link_tip
         R = np.eye(3) if to_link is None else to_link
-        rotation = _exact(R @ T[:3, :3])
-        return rotation, _terms(rotation), _steps(R @ T[:3, 3])
+        return _terms(_exact(R @ T[:3, :3])), _steps(R @ T[:3, 3])
 
     def walk(
         self, q: FloatArray, displaced: Mapping[int, Displacement] = MappingProxyType({})
@@ -328,13 +335,13 @@ class SerialChain:
             return self._walk_one(sines[:, 0].tolist(), cosines[:, 0].tolist())
         columns, origins = np.empty((self.n, 3, 3, count)), np.empty((self.n, 3, count))
         before = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count))
-        origin, spare = np.zeros((3, count)), np.empty((3, count))
+        origin, spare = np.zeros((3, count)), np.empty((2, 3, count))
         placed = {}
-        slides = self.external.slides_of(self.n).tolist()
+        slides = self._slides
         for j, joint in enumerate(self._joints):
             origin = _moved(origin, before, joint.steps, origins[j])
             a, b, k = joint.turning
-            at_zero = _turned(before, joint.fixed)
+            at_zero = _turned_by(before, joint.fixed_terms)
             if j in displaced:
                 own = at_zero if joint.to_link is None else _turned(at_zero, joint.to_link)
                 origin = _moved_along(origin, own, displaced[j].translation, origins[j])
@@ -347,15 +354,16 @@ class SerialChain:
                 before = here
                 continue
             s = sines[j] if joint.way > 0 else -sines[j]
-            np.multiply(cosines[j], at_zero[a], out=here[a])
-            here[a] += np.multiply(s, at_zero[b], out=spare)
-            np.multiply(cosines[j], at_zero[b], out=here[b])
-            here[b] -= np.multiply(s, at_zero[a], out=spare)
+            both = _TWO[k]
+            np.multiply(cosines[j], at_zero[both], out=here[both])
+            np.multiply(s, at_zero[both], out=spare)
+            here[a] += spare[1]
+            here[b] -= spare[0]
             here[k] = at_zero[k]
             before = here
-        R, _, steps = self._mount
+        terms, steps = self._mount
         p_base_tip = _moved(origin, before, steps, np.empty((3, count)))
-        return Walk(columns, origins, _turned(before, R), p_base_tip, placed)
+        return Walk(columns, origins, _turned_by(before, terms), p_base_tip, placed)
 
     def _walk_one(self, sines: list[float], cosines: list[float]) -> Walk:
         """The same of one posture, number by number: the same products in the same order.
@@ -376,7 +384,7 @@ class SerialChain:
             before[b] = cosine * bx - s * ax, cosine * by - s * ay, cosine * bz - s * az
             columns.append(before)
             origins.append(origin)
-        _, terms, steps = self._mount
+        terms, steps = self._mount
         tip, p_base_tip = _turned_one(before, terms), _moved_one(origin, before, steps)
         columns_, origins_, tip_, p_ = (
             np.array(part)[..., None] for part in (columns, origins, tip, p_base_tip)
@@ -492,15 +500,17 @@ def _moved(
 
 def _turned(columns: FloatArray, R: FloatArray) -> FloatArray:
     """Columns ``(3, 3, S)`` of the product with a constant rotation, sparing noughts and ones."""
-    rows = R.tolist()
-    if rows == _IDENTITY:
+    return _turned_by(columns, _terms(R))
+
+
+def _turned_by(columns: FloatArray, terms: _Terms) -> FloatArray:
+    """As :func:`_turned`, by the terms of the rotation."""
+    if terms == _NO_TURN:
         return columns
     out = np.empty(columns.shape)
-    for k in range(3):
-        terms = [(i, rows[i][k]) for i in range(3) if rows[i][k]]
-        i, weight = terms[0]
+    for k, ((i, weight), *more) in enumerate(terms):
         np.multiply(weight, columns[i], out=out[k])
-        for i, weight in terms[1:]:
+        for i, weight in more:
             out[k] += weight * columns[i]
     return out
 
@@ -551,7 +561,7 @@ def _product(columns: FloatArray, R: FloatArray) -> FloatArray:
     return np.asarray(out)
 
 
-_IDENTITY = np.eye(3).tolist()
+_NO_TURN = _terms(np.eye(3))
 
 
 SLIGHT_M = 5e-3

@@ -9,7 +9,8 @@ branches, and a branch is an answer where its axis 4 encloses with axis 5 the an
 The product of the four misses has no square root left in it. Times its denominators it is a
 trigonometric polynomial of degree 8 in joint 6. Samples of it, of complex branches too, give its
 coefficients, and these all of its zeros at once: at most 16, none lost between the steps of a
-search.
+search. Where the point comes close to axis 1, several zeros are almost one while joint 1 turns by
+any angle between them. There the branches are followed along joint 1 and along joint 6.
 
 .. [Abbes2024] M. Abbes, G. Poisson, Geometric approach for inverse kinematics of the FANUC CRX
    collaborative robot, Robotics 13 (2024) 91.

@@ -159,3 +159,18 @@ def test_a_machine_that_has_not_enough(cli, work, monkeypatch):
     said = cli("plan", work / "cell.toml", "--out", work / "out")
     assert said.code == 2
     assert said.err.splitlines()[-1].startswith("error: the memory is not enough")
+
+
+def test_a_choice_that_is_none_names_the_one_that_was_meant(refuse, work):
+    for word in ("on_flange", "flange", "on-flang"):
+        line = refuse("robot-world", work / "pairs.csv", "--camera", word)
+        line.says(f"'--camera': '{word}' is not one of", "; did you mean on-flange?", "--help)")
+
+
+def test_a_cell_in_the_place_of_the_pictures_is_named(refuse, work):
+    cell, folder = work / "cell.toml", work / "pictures"
+    folder.mkdir()
+    first = "give first the cell, then the folder"
+    refuse("camera", cell).says(f"{cell} has no pictures, it is a cell", first)
+    refuse("camera", folder, cell).says(f"{folder} is a folder, and no cell", first)
+    refuse("camera", cell, cell).says(f"{cell} has no pictures, it is a cell", first)

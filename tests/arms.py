@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.robots import Robot
 from posedesign.cell import Cell, cell_template
+from posedesign.programs.dialect import Dialect
 
 PRESETS = {
     "fanuc": "r2000ic165f",
@@ -118,6 +119,16 @@ def robot_of(maker: str | None) -> Robot:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf_of(str(maker)))
         return Robot.from_urdf(path).controlled_by(str(maker))
+
+
+def cell_for(dialect: Dialect) -> Cell:
+    """A cell of an arm that programs of a dialect move: where its maker is open, of as many joints.
+
+    Some move arms of any number of joints, some of six alone.
+    """
+    counts = getattr(dialect, "counts", None)
+    open_maker = dialect.maker is None and counts is not None
+    return cell_of("ur" if open_maker and 7 not in counts else dialect.maker)
 
 
 @cache

@@ -216,7 +216,7 @@ def robot_world(
     except NotIdentifiableError as error:
         known = pair_results.size_of_noise(noise)
         part = None if certify or estimate_scale else told_in_part(found, camera, results, known)
-        if part is None or not len(part.untold):
+        if part is None or not 0 < len(part.untold) < _NOTHING_TOLD:
             _say_how_read(found, error)
             raise
         return _tell_in_part(found, camera, part, out, first, verbose=verbose, as_json=as_json)
@@ -239,6 +239,10 @@ def robot_world(
     content = [pair_results.outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
     good = pair_results.reached(outcomes)
     return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
+
+
+_NOTHING_TOLD = 6
+"""Directions from which on next to nothing is told: the arm has not moved."""
 
 
 def _tell_in_part(

@@ -8,6 +8,7 @@ another line, is shown by its code (:func:`plain`).
 from __future__ import annotations
 
 import math
+import os
 import re
 import shlex
 import sys
@@ -319,7 +320,8 @@ def say_what_to_know(cell: Cell) -> None:
 @contextmanager
 def progress(title: str, *, with_time_left: bool = False, quiet: bool = False) -> Iterator[Advance]:
     """A progress bar on standard error, if that is a terminal, while something long runs."""
-    if quiet or not sys.stderr.isatty():
+    # rich, which is slow to load, may be told to take anything for a terminal
+    if quiet or not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
         yield lambda what, part: None
         return
     from rich import progress as bars

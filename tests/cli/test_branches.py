@@ -8,7 +8,7 @@ def test_one_of_two_arms_from_new_to_identify(cli, done, refuse, tmp_path):
     urdf.write_text(two_arms())
     (tmp_path / "duo.srdf").write_text('<robot name="duo"/>')
     refuse("new", "--robot", urdf).says(
-        "joint left_finger_1 slides, behind joints that turn", "lock"
+        "leaves little of the range of left_finger_1", "hold it where it is"
     )
     new = cli("new", "--robot", urdf, "--tip", "right_tool0", "--base", "right_base")
     assert "duo.srdf lies beside the URDF" in " ".join(new.err.split())

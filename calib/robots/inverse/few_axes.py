@@ -23,6 +23,9 @@ _STARTS = 8
 _ITERATIONS, _LAST = 40, 8
 """Steps towards point and orientation, and steps after them that close in on the point alone."""
 
+_LEAST_MOTION = 1e-9
+"""Square of the motion of the tool point, in its size, that counts as none."""
+
 _WEIGHT = 30.0
 """Of the point against the orientation: a miss of a thirtieth of the reach counts as a radian."""
 
@@ -105,7 +108,8 @@ def _step(
     """Return steps ``(n, S)`` of damped least squares, of the point before the orientation."""
     if point_alone:
         JJt = np.einsum("ins,kns->sik", moved, moved)
-        JJt[:, range(3), range(3)] += 1e-12
+        # of a plane or a line the point cannot go everywhere
+        JJt[:, range(3), range(3)] += _LEAST_MOTION
         return np.asarray(
             np.einsum("kns,sk->ns", moved, np.linalg.solve(JJt, off.T[..., None])[..., 0])
         )

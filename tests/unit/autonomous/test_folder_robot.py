@@ -19,7 +19,7 @@ from calib.se3 import FloatArray
 from posedesign.autonomous import FolderRobot
 from posedesign.cell import Cell
 from posedesign.programs import DIALECTS, Arm, read, validate
-from tests.arms import PULSES, cell_of
+from tests.arms import PULSES, cell_for
 
 POLL_S = 0.002
 ROUNDING_DEG = 1.01e-3
@@ -196,7 +196,7 @@ def test_a_pendants_joint_3_in_the_column_of_the_urdf_is_refused(reference_cell,
 @pytest.mark.parametrize("name", DIALECTS)
 def test_every_controller(name, tmp_path):
     dialect = DIALECTS[name]
-    cell = cell_of(dialect.maker)
+    cell = cell_for(dialect)
     robot = robot_in(cell, tmp_path, dialect=name)
     posture = cell.base_posture + np.deg2rad(0.123456)
     robot.move(posture)
@@ -223,7 +223,7 @@ def test_every_controller(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["kuka-krl", "fanuc-ls", "staubli-val3"])
 def test_the_table_comes_last(name, tmp_path, monkeypatch):
-    cell = cell_of(DIALECTS[name].maker)
+    cell = cell_for(DIALECTS[name])
     there: list[list[str]] = []
     rename = os.replace
 

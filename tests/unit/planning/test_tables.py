@@ -273,7 +273,7 @@ def test_cells_with_commas_quotes_and_line_ends(tmp_path):
 
 
 def test_lines_are_counted_as_an_editor_does(tmp_path):
-    (tmp_path / "a.csv").write_text('# note\n\nname,j1_deg\n"two\nlines",90\nP2,none\n')
+    (tmp_path / "a.csv").write_text('# note\n\nname,j1_deg,by\nP1,90,"two\nlines"\nP2,none,me\n')
     with pytest.raises(FileFormatError) as caught:
         read_poses(tmp_path / "a.csv", 1)
     assert (caught.value.row, caught.value.column, caught.value.value) == (6, "j1_deg", "none")

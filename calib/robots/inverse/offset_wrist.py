@@ -108,6 +108,7 @@ class OffsetWrist(InverseKinematics):
         super().__init__(chain)
         exact = tips_apart(chain, ideal) < _PARALLEL
         self._near_circle = _NEAR_CIRCLE if exact else _OF_OTHER_ARM
+        self._exact_miss = _EXACT_MISS if exact else 0.0  # zeros of another arm tell less
         zero = ideal.forward(np.zeros(6))
         beside = np.linalg.svd(zero.axes[1][None])[2][1]
         # axes of the frame in which axis 2 is the third
@@ -329,7 +330,7 @@ class OffsetWrist(InverseKinematics):
         branches = self._branches(*self._wrist(G, angle), _real_root)
         miss = np.abs(branches.miss).reshape(4, -1)
         best = np.fmin.reduce(miss, axis=0)
-        which, at = np.nonzero(miss < np.where(best < _EXACT_MISS, _SAME_ZERO, _MISS))
+        which, at = np.nonzero(miss < np.where(best < self._exact_miss, _SAME_ZERO, _MISS))
         return self._postures(branches, which, at, angle[at]), at, miss[which, at]
 
     def _postures(

@@ -126,9 +126,8 @@ def cell_for(dialect: Dialect) -> Cell:
 
     Some move arms of any number of joints, some of six alone.
     """
-    counts = getattr(dialect, "counts", None)
-    open_maker = dialect.maker is None and counts is not None
-    return cell_of("ur" if open_maker and 7 not in counts else dialect.maker)
+    counts: tuple[int, ...] = getattr(dialect, "counts", (7,))
+    return cell_of("ur" if dialect.maker is None and 7 not in counts else dialect.maker)
 
 
 @cache

@@ -43,15 +43,13 @@ _STALLED = 1e-12
 
 _DAMPING, _LARGEST_DAMPING = 1e-3, 1e12
 
-_LEAST = 1e-9
-"""Least noise that is estimated [rad, m]."""
+_LEAST = 1e-7
+"""Least noise that is estimated [rad, m]: by less, rounding of the information would tell what
+nothing tells."""
 
 _UNKNOWN = 0.5
 """Standard deviation from which on a direction is not told: of rotations [rad], of translations in
 parts of the motion of the arm."""
-
-_ROUNDING = 1e-11
-"""Eigenvalue of the information, in parts of the largest, that rounding makes."""
 
 _TIED = 1e-9
 """Eigenvalue, of one, below which nothing but the pairs of an edge themselves tells of a place."""
@@ -71,7 +69,7 @@ class _Told:
     def by(cls, information: FloatArray, unit: FloatArray) -> _Told:
         """Divide by what is known: ``unit`` (6 F,) is one in rotations, the motion in places."""
         values, axes = np.linalg.eigh(information * np.outer(unit, unit))
-        told = values > max(_UNKNOWN**-2, _ROUNDING * float(values[-1]))
+        told = values > _UNKNOWN**-2
         some = axes[:, told] * unit[:, None]
         return cls((some / values[told]) @ some.T, _simplest(axes[:, ~told].T))
 

@@ -178,7 +178,7 @@ def robot_world(
         claim_transforms,
         write_transforms,
     )
-    from posedesign.report.network import told_in_part
+    from posedesign.report.network import solve_and_draw_network, told_in_part
     from posedesign.report.pairs import answer_of_pairs, solve_and_draw
 
     named = listed(columns), listed(variables)
@@ -201,10 +201,12 @@ def robot_world(
     results = output.results_in(out, "robot-world", pairs, a, b, prior, overwrite=overwrite)
     first = output.rehearsed_words(pairs, a, b)
     if prior is not None:
+        from posedesign.hand_eye.pairs.networks import NetworkPairs
         from posedesign.hand_eye.pairs.priors import read_priors
 
         known = pair_results.size_of_noise(noise)
-        result = told_in_part(found, camera, results, known, read_priors(prior))
+        both = NetworkPairs.of_one(found, camera)
+        result = solve_and_draw_network(both, results, known, read_priors(prior))
         return _tell_in_part(found, camera, result, out, first, verbose=verbose, as_json=as_json)
     claims = claim_transforms(results) if transforms else []
     try:
@@ -216,7 +218,7 @@ def robot_world(
     except NotIdentifiableError as error:
         known = pair_results.size_of_noise(noise)
         part = None if certify or estimate_scale else told_in_part(found, camera, results, known)
-        if part is None or not 0 < len(part.untold) < _NOTHING_TOLD:
+        if part is None:
             _say_how_read(found, error)
             raise
         return _tell_in_part(found, camera, part, out, first, verbose=verbose, as_json=as_json)
@@ -239,10 +241,6 @@ def robot_world(
     content = [pair_results.outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
     good = pair_results.reached(outcomes)
     return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
-
-
-_NOTHING_TOLD = 6
-"""Directions from which on next to nothing is told: the arm has not moved."""
 
 
 def _tell_in_part(

@@ -34,6 +34,9 @@ FILES = (
 )
 """Names of the files, and what they say that they are."""
 
+_NOTHING_TOLD = 6
+"""Directions from which on next to nothing is told."""
+
 _MOST_SHOWN = 6
 """Frames that are printed at a glance; all of them stand in the file."""
 
@@ -51,24 +54,33 @@ def solve_and_draw_network(
 
     What is not told, and what is left over pair by pair, is in the result.
     """
-    frames, pairs, *drawn = results.claim("computed", *FILES)
     result = found.solved(noise, priors, in_part=True)
+    write_network(found, results, result)
+    return result
+
+
+def write_network(found: NetworkPairs, results: Results, result: NetworkResult) -> None:
+    """Write the frames of a network, what its pairs leave over, and the figure."""
+    frames, pairs, *drawn = results.claim("computed", *FILES)
     rows, each = frame_rows(result), pair_rows_of_network(found, result)
     write_table(frames, list(rows[0]), rows)
     write_table(pairs, list(each[0]), each)
     figures.draw(results, drawn, lambda: figure_of_network(edge_rows(result)))
-    return result
 
 
 def told_in_part(
-    pairs: Pairs,
-    camera: Camera,
-    results: Results,
-    noise: Noise | None,
-    priors: Sequence[FramePrior] = (),
-) -> NetworkResult:
-    """Solve pairs of one camera and one target as far as they, and priors, tell; write it."""
-    return solve_and_draw_network(NetworkPairs.of_one(pairs, camera), results, noise, priors)
+    pairs: Pairs, camera: Camera, results: Results, noise: Noise | None
+) -> NetworkResult | None:
+    """Solve pairs of one camera and one target as far as they tell, and write that.
+
+    None, and nothing written, where they tell all, or next to nothing: the arm has not moved.
+    """
+    found = NetworkPairs.of_one(pairs, camera)
+    result = found.solved(noise, in_part=True)
+    if not 0 < len(result.untold) < _NOTHING_TOLD:
+        return None
+    write_network(found, results, result)
+    return result
 
 
 def answer_of_network(

@@ -411,6 +411,8 @@ class NetworkFit:
         chance = FALSE_ALARMS / len(np.unique(edges))
         if gain <= 6.0 * noise * float(f_bound(chance, 6.0, freedom)):
             return None
+        if gain <= float(chi2_quantile(1.0 - chance, 6)):  # less than the least noise
+            return None
         known = np.sqrt(np.diag(self.covariance) * max(noise, np.finfo(float).tiny))
         effect = float(np.max(np.abs(others) / np.maximum(known, np.finfo(float).tiny)))
         turn, far = (float(np.linalg.norm(part)) for part in np.split(step, 2))

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
+from calib.errors import InputError
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.methods import robust
 from calib.robot_world.noise import LEAST_NOISE, Noise, PairCovariances, PairNoise, difference
@@ -107,7 +108,11 @@ def settled(
         best = explain(pairs.A[0], pairs.B[0], X[0], Z[0], used)
         if best is None:
             break
-        fit = adjust(pairs, best.noise.model(pairs), X, Z, weights=used[None].astype(float))
+        try:
+            model = best.noise.model(pairs)
+        except InputError:  # next to exact in one direction beside the others: no noise of pairs
+            return None
+        fit = adjust(pairs, model, X, Z, weights=used[None].astype(float))
         X, Z = fit.X, fit.Z
         # white rows have a mean square of one for each degree of freedom, as those of any noise
         # that is estimated have

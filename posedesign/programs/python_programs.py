@@ -11,7 +11,7 @@ import keyword
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeGuard
@@ -378,6 +378,12 @@ def _odd_numbers(text: str) -> Iterator[Problem]:
     for odd in _UNDERSCORED.finditer(plain):
         row = plain.count("\n", 0, odd.start()) + 1
         yield measuring(row, "syntax", f"{odd[0][:30]} is an odd number")
+
+
+def imports(steps: Sequence[str]) -> list[str]:
+    """Lines that import what the steps need of Python itself."""
+    waits = any("time." in step for step in steps)
+    return ["import sys", *(["import time"] if waits else [])]
 
 
 def measured(program: PoseProgram, told: str) -> list[str]:

@@ -163,8 +163,10 @@ def take_pictures_of_the_page(cell: Path) -> None:
 def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = [words for _, block in blocks(PAGES[STEPS]) for words in commands_of(block)]
-    assert len(lines) == 19
+    assert len(lines) == 21
     for words in lines:
+        if words[1] in ("network", "streams"):
+            continue  # of files that no step before makes: tests of their own run them
         if words[1] == "import":
             touched_up(Path("run/poses.csv"), Path("CALIB01.LS"))
         run_line(glance, [word for word in words if word not in ("--robot", "arm.urdf")])

@@ -144,5 +144,5 @@ class FrankyPython(joints.JointDialect):
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The program; its function stands in front of the steps."""
         asked = python.measured(program, "q={list(robot.current_joint_state.position)}")
-        head = ["import sys", "import time", "from franky import JointMotion, Robot", ""]
+        head = [*python.imports([*steps, *asked]), "from franky import JointMotion, Robot", ""]
         return [*head, *asked, *steps]

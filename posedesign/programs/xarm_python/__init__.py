@@ -174,5 +174,5 @@ class XarmPython(joints.DescribedDialect):
         failed = '        sys.exit(f"the controller answers with code {code}")'
         shown = "arm.get_servo_angle(is_radian=False)"
         asked = python.measured(program, f"q={{{shown}}}")
-        head = ["import sys", "import time", "from xarm.wrapper import XArmAPI", "", *asked]
+        head = [*python.imports([*steps, *asked]), "from xarm.wrapper import XArmAPI", "", *asked]
         return [*head, *check, failed, "", *steps, "arm.disconnect()"]

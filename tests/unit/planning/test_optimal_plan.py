@@ -340,7 +340,7 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     assert found.reached
     assert len(found.postures) == 12
     assert found.left_out > 50
-    assert any("(no clear way to it: forearm_link" in said for said in found.remarks)
+    assert any("(no clear way to it: " in said for said in found.remarks)
     assert found.accuracy.value >= found.selection.bound
     stops = np.array([cell.base_posture, *(stop.posture for stop in found.route.stops)])
     assert cell.ways.check(stops[:-1], stops[1:]).clear.all()

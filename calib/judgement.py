@@ -48,8 +48,7 @@ class Finding:
     sigmas: float
     """Change of the answer when the cause is taken into account, in its standard deviations."""
     is_accounted: bool = field(default=False, kw_only=True)
-    """Whether the answer takes the cause into account already: it is then no reason to distrust
-    it."""
+    """True where the answer takes the cause into account: it is then no reason to distrust it."""
 
     @property
     def grade(self) -> Grade:

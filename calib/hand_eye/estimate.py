@@ -548,7 +548,7 @@ def _listed(
 def _of_prints(
     problem: Problem, fit: _Fit
 ) -> tuple[checks.Step | None, list[checks.PrintSuspicion]]:
-    """What another size of the first board would be, and what looks wrong with the boards.
+    """Try another size of the boards, and a bend: the step for the first, and findings.
 
     Nothing where errors of the boards are estimated.
     """
@@ -566,7 +566,7 @@ def _of_prints(
 
 
 def _of_lenses(problem: Problem, fit: _Fit) -> list[checks.Suspicion]:
-    """What looks wrong with the lenses that were given."""
+    """Return findings of lenses that were given."""
     frames, found = list(_frames(fit.model).values()), []
     for camera, (lens, is_free) in problem.lenses.items():
         if not is_free:

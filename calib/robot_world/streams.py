@@ -178,7 +178,7 @@ class StreamResult(Shown):
     pairs: RobotWorldResult
     """The answer of the pairs at the offset that was found, as of the method ``ml-robust``."""
     offset_s: float
-    """How much later the clock of the camera is, in the middle of its times."""
+    """Time by which the clock of the camera is later, in the middle of its times."""
     sigma_offset_s: float
     rate: float
     """By how much it is faster, as a share; 0 where the streams show none."""
@@ -288,7 +288,7 @@ class _Noise:
 
 @dataclass(frozen=True, eq=False)
 class _At:
-    """Where the search for the clock ended."""
+    """End of the search for the clock."""
 
     clock: FloatArray  # (1,) or (2,): offset [s], and rate
     sigma: FloatArray

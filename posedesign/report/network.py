@@ -1,4 +1,4 @@
-"""What a network of cameras, targets and arms answers, in words and drawn."""
+"""The answer of a network of cameras, targets and arms, in words and drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What two streams with clocks of their own answer: X, Z and the clocks, in words and drawn."""
+"""The answer of two streams with clocks of their own: X, Z, the clocks, in words and drawn."""
 
 from __future__ import annotations
 

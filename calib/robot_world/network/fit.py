@@ -60,7 +60,7 @@ _MOST_NUMBERS = 5_000_000
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """What pairs and priors tell of the errors of all frames."""
+    """Knowledge of the errors of all frames, by pairs and priors."""
 
     covariance: FloatArray  # (6 F, 6 F), without the directions that are not told
     untold: FloatArray  # (q, 6 F): these, translations in units of the motion
@@ -382,7 +382,7 @@ class NetworkFit:
         return tuple(found) if moved is None else (*found, moved)
 
     def _moved(self) -> Finding | None:
-        """What stands elsewhere for one edge than for the others, if noise does not explain it.
+        """Find what stands elsewhere for one edge than for others, if noise does not explain it.
 
         The place of what is around is tried as another one for each edge, in one step.
         """

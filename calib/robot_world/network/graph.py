@@ -1,4 +1,4 @@
-"""Which pairs are between which frames, and which of these hang together."""
+"""The graph of a network: pairs between frames, and the parts that hang together."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from calib.robot_world.pairs import checked_pairs
 from calib.se3 import FloatArray, IntArray
 
 REMEDY = "turn the flange about two axes while it is seen"
-"""What to do where the pairs do not tell a frame."""
+"""Remedy where the pairs do not tell a frame."""
 
 _STILL_M = 1e-6
 

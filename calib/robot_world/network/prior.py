@@ -1,4 +1,4 @@
-"""What is known of a frame from elsewhere: a drawing, a rule, axes that are parallel."""
+"""Priors of frames: knowledge from a drawing, a rule, axes that are parallel."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class FramePrior:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it knows all six numbers of the frame."""
+        """Return True if all six numbers of the frame are known."""
         return bool(np.linalg.matrix_rank(self.root) == 6)
 
     def white(self, T: FloatArray) -> FloatArray:

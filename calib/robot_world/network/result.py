@@ -54,7 +54,7 @@ class NetworkResult(Shown):
 
     @property
     def not_told(self) -> tuple[str, ...]:
-        """What neither pairs nor priors tell, in words."""
+        """Directions that neither pairs nor priors tell, in words."""
         return tuple(self._words_of(direction) for direction in self.untold)
 
     def is_told(self, name: str) -> bool:

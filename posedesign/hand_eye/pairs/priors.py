@@ -1,4 +1,4 @@
-"""What is known of a camera or a target from elsewhere: ``prior.toml``.
+"""Knowledge of a camera or a target from elsewhere: ``prior.toml``.
 
 A section for each frame, by its name::
 
@@ -42,7 +42,7 @@ _Sigmas = _Sigma | Annotated[list[_Sigma], Field(min_length=3, max_length=3)]
 
 
 class _Section(BaseModel):
-    """What is known of one frame."""
+    """Knowledge of one frame."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=True)
 

@@ -30,7 +30,7 @@ TIMES = {
 """Columns of time, and their units in seconds."""
 
 TUM_COLUMNS = ("timestamp", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-"""What stands in a line of a trajectory of TUM's RGB-D benchmark, between blanks."""
+"""Numbers of a line of a trajectory of TUM's RGB-D benchmark, between blanks."""
 
 
 def read_stream(
@@ -83,7 +83,7 @@ def read_stream(
 
 
 def _is_tum(path: Path) -> bool:
-    """Whether the first line that is no comment has eight numbers and nothing else."""
+    """Return True if the first line that is no comment has eight numbers and nothing else."""
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
             for _ in range(100):
